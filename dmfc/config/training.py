@@ -1,0 +1,31 @@
+"""Settings of the two-stage training."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from dmfc.config.setting import setting
+
+
+@dataclass(frozen=True)
+class StageSchedule:
+    epochs: int = setting(50, "epochs")
+    learning_rate: float = setting(1e-3, "Adam's learning rate at the start")
+    decay: float = setting(0.9, "factor applied every `decay_every` epochs")
+    decay_every: int = setting(10, "epochs between two decays")
+
+
+@dataclass(frozen=True)
+class TrainingConfig:
+    batch_size: int = setting(4, "scenes per batch")
+    pretrain: StageSchedule = setting(StageSchedule, "stage 1: chamfer and confidence only")
+    finetune: StageSchedule = setting(StageSchedule(epochs=20), "stage 2: the task loss")
+    hard_samples: int = setting(64, "predictions with the highest error that are back-propagated; 0: all")
+    hard_scope: Literal["batch", "scene"] = setting("batch", "where the hardest are chosen")
+    precision: Literal["32-true", "bf16-mixed"] = setting("32-true", "Lightning's precision")
+    accelerator: str = setting("auto", "Lightning's accelerator")
+    devices: int = setting(1, "devices")
+    threads: int = setting(1, "CPU threads of a training process")
+    loader_workers: int = setting(0, "worker processes of the data loader")
+    seed: int = setting(0, "seed of weights, order and augmentation")
