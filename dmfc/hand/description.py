@@ -1,0 +1,96 @@
+"""A hand as data: which MJCF, which body is the palm, which joints are degrees of freedom.
+
+Everything that is particular to one hand stands in a YAML file of `dmfc/hand/data` (or of the
+user's own); no other module knows a joint or a link by name.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from omegaconf import MISSING, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from dmfc.errors import DmfcError, unknown_name
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """A joint that follows another: angle = ratio * angle of the driver."""
+
+    driver: str = MISSING
+    ratio: float = 1.0
+
+
+@dataclass(frozen=True)
+class HandDescription:
+    """What the rest of the project must be told about a hand. Palm frame: the MJCF palm body's."""
+
+    name: str = MISSING
+    pack: str = ""
+    """Asset pack that holds the MJCF; empty: `mjcf` is a path, relative to this YAML file."""
+    mjcf: str = MISSING
+    palm: str = MISSING
+    """Body of the MJCF that becomes the root; what it is mounted on is left out."""
+    dofs: dict[str, float] = field(default_factory=dict)
+    """Joint that drives each degree of freedom -> its angle when the hand is open, rad."""
+    couplings: dict[str, Coupling] = field(default_factory=dict)
+    """Joint without a degree of freedom -> the one that drives it."""
+    flexion: dict[str, float] = field(default_factory=dict)
+    """Joint that closes the hand -> sign of closing times its share of the closing motion."""
+    palm_reference: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Centre of the palm's inner surface, palm frame, metres."""
+    palm_normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    """Direction out of the inside of the palm, palm frame, unit length."""
+    preshapes: dict[str, dict[str, float]] = field(default_factory=dict)
+    """Named pre-shapes of the planner: joint -> angle; joints left out are as in `dofs`."""
+    inner_points: dict[str, Any] = field(default_factory=dict)
+    """Per link: where the inner points lie (see `dmfc.hand.build`)."""
+    directory: str = ""
+    """Folder of the YAML file this was read from (filled in by `load_description`)."""
+
+    @property
+    def dof_names(self) -> list[str]:
+        return list(self.dofs)
+
+    @property
+    def open_joints(self) -> np.ndarray:
+        """Angles of the open hand, [D] rad."""
+        return np.array(list(self.dofs.values()))
+
+    @property
+    def flexion_direction(self) -> np.ndarray:
+        """Direction in joint space that closes the hand, [D]; zero where a joint only orients."""
+        return np.array([self.flexion.get(name, 0.0) for name in self.dofs])
+
+    def preshape(self, name: str) -> np.ndarray:
+        """Angles of a named pre-shape, [D] rad."""
+        if name not in self.preshapes:
+            raise unknown_name("pre-shape", name, self.preshapes)
+        changed = self.preshapes[name]
+        return np.array([changed.get(joint, angle) for joint, angle in self.dofs.items()])
+
+
+def load_description(name: str) -> HandDescription:
+    """Read a hand description: a name among `dmfc/hand/data/*.yaml`, or the path of a YAML file.
+
+    Raises DmfcError if there is none, or if it has an unknown key or a value of a wrong type.
+    """
+    data = Path(str(resources.files("dmfc.hand") / "data"))
+    path = Path(name).expanduser() if name.endswith((".yaml", ".yml")) else data / f"{name}.yaml"
+    if not path.is_file():
+        if path.parent == data:
+            raise unknown_name("hand", name, [p.stem for p in data.glob("*.yaml")])
+        raise DmfcError(f"hand description '{name}' is not a file (setting hand.name)")
+    try:
+        schema = OmegaConf.structured(HandDescription)
+        merged = OmegaConf.merge(schema, OmegaConf.load(path), {"directory": str(path.parent)})
+        description = OmegaConf.to_object(merged)
+    except OmegaConfBaseException as error:
+        raise DmfcError(f"hand description {path}: {str(error).splitlines()[0]}") from error
+    assert isinstance(description, HandDescription)
+    return description
