@@ -7,11 +7,25 @@ import dataclasses
 from typing import Any
 
 
-def setting(default: Any, help: str) -> Any:
-    """A dataclass field with `default` (copied if mutable) and a sentence of help."""
-    metadata = {"help": help}
+def setting(default: Any, help: str, *, resource: bool = False) -> Any:
+    """A dataclass field with `default` (copied if mutable) and a sentence of help.
+
+    A `resource` setting says how something is computed, never what comes out (threads, devices):
+    it never enters a stage's key.
+    """
+    metadata = {"help": help, "resource": resource}
     if isinstance(default, type):
         return dataclasses.field(default_factory=default, metadata=metadata)
     if isinstance(default, list | dict):
         return dataclasses.field(default_factory=lambda: copy.deepcopy(default), metadata=metadata)
     return dataclasses.field(default=default, metadata=metadata)
+
+
+def help_of(cls: type) -> dict[str, str]:
+    """The help text of each field of the settings class `cls`."""
+    return {field.name: field.metadata.get("help", "") for field in dataclasses.fields(cls)}
+
+
+def is_resource(field: dataclasses.Field) -> bool:
+    """Whether `field` is a resource setting (see `setting`)."""
+    return bool(field.metadata.get("resource", False))

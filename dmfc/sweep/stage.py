@@ -1,0 +1,115 @@
+"""A stage: one folder of outputs as a pure function of settings, inputs and code version."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from dmfc.config.setting import is_resource
+
+KEY_LENGTH = 32
+"""Hexadecimal digits of a key: 128 bits of its SHA-256."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """One node of the graph.
+
+    `config` maps names to settings dataclasses or plain values: all that the stage may depend on
+    besides `inputs`. `inputs` maps names to a stage or to several. `name` is for people: it is no
+    part of the key, so stages that compute the same thing under two names are one stage.
+    """
+
+    kind: str
+    name: str
+    version: int
+    config: Mapping[str, Any] = field(default_factory=dict)
+    inputs: Mapping[str, Stage | tuple[Stage, ...]] = field(default_factory=dict)
+
+    @cached_property
+    def key(self) -> str:
+        """Hash of kind, version, settings and the keys of the inputs."""
+        identity = {
+            "kind": self.kind,
+            "version": self.version,
+            "config": plain(self.config),
+            "inputs": self.input_keys,
+        }
+        text = json.dumps(identity, sort_keys=True, separators=(",", ":"), allow_nan=False)
+        return hashlib.sha256(text.encode()).hexdigest()[:KEY_LENGTH]
+
+    @cached_property
+    def input_keys(self) -> dict[str, Any]:
+        """'kind/key' of each input, in the structure of `inputs`."""
+        return {
+            name: [stage.address for stage in given] if isinstance(given, tuple) else given.address
+            for name, given in self.inputs.items()
+        }
+
+    @property
+    def address(self) -> str:
+        """'kind/key': where the stage lies in any ledger."""
+        return f"{self.kind}/{self.key}"
+
+    @cached_property
+    def parents(self) -> tuple[Stage, ...]:
+        """The inputs, each once."""
+        flat: dict[str, Stage] = {}
+        for given in self.inputs.values():
+            for stage in given if isinstance(given, tuple) else (given,):
+                flat[stage.address] = stage
+        return tuple(flat.values())
+
+
+def closure(targets: Iterable[Stage]) -> list[Stage]:
+    """The targets and all they need, each once (by address), inputs before their users."""
+    ordered: dict[str, Stage] = {}
+    stack = [(stage, False) for stage in reversed(list(targets))]
+    while stack:
+        stage, expanded = stack.pop()
+        if stage.address in ordered:
+            continue
+        if expanded:
+            ordered[stage.address] = stage
+        else:
+            stack.append((stage, True))
+            stack.extend((parent, False) for parent in reversed(stage.parents))
+    return list(ordered.values())
+
+
+def plain(value: Any) -> Any:
+    """`value` as JSON's types, without resource settings; whole floats stay floats.
+
+    Raises TypeError on anything that has no stable text form.
+    """
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {
+            item.name: plain(getattr(value, item.name))
+            for item in dataclasses.fields(value)
+            if not is_resource(item)
+        }
+    if isinstance(value, Mapping):
+        return {str(name): plain(item) for name, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, Path):
+        return str(value)
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    raise TypeError(f"{type(value).__name__} cannot be part of a stage's key")
+
+
+def differences(old: Any, new: Any, prefix: str = "") -> Iterator[str]:
+    """Lines such as 'losses.weights.collision 1.0 -> 2.0' between two `plain` values."""
+    if isinstance(old, dict) and isinstance(new, dict):
+        for name in sorted(old.keys() | new.keys()):
+            dotted = f"{prefix}.{name}" if prefix else name
+            yield from differences(old.get(name), new.get(name), dotted)
+    elif old != new:
+        yield f"{prefix} {old} -> {new}"
