@@ -90,7 +90,7 @@ class Grid:
         return cls(values, origin, float(arrays[f"{prefix}_spacing"]))
 
     def _cell(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Corner values [..., 2, 2, 2], place in the cell [..., 3], vector from the box [..., 3]."""
+        """Corner values [..., 2, 2, 2]; place in the cell, offset from the box: [..., 3]."""
         points = np.asarray(points, dtype=np.float64)
         clamped = np.clip(points, self.origin, self.upper)
         nodes = (clamped - self.origin) / self.spacing
