@@ -7,8 +7,8 @@ folder that is then renamed, so a stage is never half there, whatever dies.
 from __future__ import annotations
 
 import json
-import os
 import shutil
+import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -34,7 +34,7 @@ class Ledger:
         try:
             for name in ("stages", "work", "locks", "sweeps"):
                 (self.store / name).mkdir(parents=True, exist_ok=True)
-            probe = self.store / "work" / f".probe-{os.getpid()}"
+            probe = self.store / "work" / f".probe-{uuid.uuid4().hex}"
             probe.touch()
             probe.unlink()
         except OSError as error:

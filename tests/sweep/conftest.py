@@ -1,0 +1,39 @@
+"""One Ray for the whole session, and stages that need no science."""
+
+from pathlib import Path
+
+import pytest
+
+from dmfc.config.schema import Config
+from dmfc.sweep.ledger import Ledger
+
+HERE = Path(__file__).resolve().parent
+
+
+@pytest.fixture(scope="session")
+def ray_cluster():
+    import ray
+
+    with pytest.MonkeyPatch.context() as patch:
+        # Ray's workers import the trivial stages as the tests do.
+        patch.setenv("PYTHONPATH", f"{HERE}:{HERE.parents[1]}")
+        ray.init(
+            address="local",
+            num_cpus=2,
+            include_dashboard=False,
+            log_to_driver=False,
+            logging_level="ERROR",
+            object_store_memory=100 * 2**20,
+        )
+        yield
+        ray.shutdown()
+
+
+@pytest.fixture
+def ledger(tmp_path):
+    return Ledger(tmp_path / "store")
+
+
+@pytest.fixture
+def config():
+    return Config()

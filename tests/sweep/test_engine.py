@@ -1,0 +1,161 @@
+"""The engine: every stage once, failures apart, resume, two drivers."""
+
+import json
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+from trivial_graph import TRIVIAL, trivial
+
+from dmfc.sweep.context import read_progress
+from dmfc.sweep.engine import run_stages, unfinished
+from dmfc.sweep.ledger import Ledger
+from dmfc.sweep.worker import ERROR_LOG
+
+
+def run(targets, ledger, config, **options):
+    return run_stages(targets, ledger, config, kinds=TRIVIAL, **options)
+
+
+def chain(log=""):
+    """a -> b, c -> d, and e beside them."""
+    a = trivial("add", "a", 1, log=log)
+    b = trivial("add", "b", 10, {"from": a}, log=log)
+    c = trivial("add", "c", 100, {"from": a}, log=log)
+    d = trivial("add", "d", 1000, {"both": (b, c)}, log=log)
+    e = trivial("add", "e", 5, log=log)
+    return a, b, c, d, e
+
+
+def result(ledger, stage):
+    return json.loads((ledger.folder(stage.address) / "sum.json").read_text())
+
+
+@pytest.mark.parametrize("local", [True, False])
+def test_a_diamond_runs_each_stage_once(ledger, config, tmp_path, ray_cluster, local):
+    log = tmp_path / "log"
+    a, _, _, d, e = chain(str(log))
+    outcomes = run([d, e], ledger, config, local=local)
+    assert {outcome.status for outcome in outcomes.values()} == {"ran"}
+    assert len(outcomes) == 5
+    assert result(ledger, d) == 1000 + 11 + 101
+    names = log.read_text().split()
+    assert sorted(names) == ["a", "b", "c", "d", "e"]
+    assert names.index("a") < names.index("b") < names.index("d")
+    record = ledger.record(d.address)
+    assert record["name"] == "d"
+    assert record["inputs"]["both"] == [parent.address for parent in d.parents]
+    assert record["config"]["value"] == 1000
+    assert a.address in outcomes
+
+
+def test_a_second_call_starts_nothing(ledger, config, tmp_path, monkeypatch):
+    log = tmp_path / "log"
+    d = chain(str(log))[3]
+    run([d], ledger, config, local=True)
+    before = log.read_text()
+
+    def no_pool(run_config):
+        raise AssertionError("a pool was made though all is there")
+
+    monkeypatch.setattr("dmfc.sweep.engine.RayPool", no_pool)
+    outcomes = run([d], ledger, config)
+    assert {outcome.status for outcome in outcomes.values()} == {"done"}
+    assert log.read_text() == before
+
+
+def test_only_what_is_missing_runs(ledger, config, tmp_path):
+    log = tmp_path / "log"
+    a, b, _, d, _ = chain(str(log))
+    run([b], ledger, config, local=True)
+    assert [stage.name for stage in unfinished([d], ledger).values()] == ["c", "d"]
+    outcomes = run([d], ledger, config, local=True)
+    assert outcomes[a.address].status == "done"
+    assert log.read_text().split() == ["a", "b", "c", "d"]
+
+
+@pytest.mark.parametrize("local", [True, False])
+def test_a_failure_stops_its_dependants_alone(ledger, config, ray_cluster, local):
+    bad = trivial("fail", "bad")
+    after = trivial("add", "after", 1, {"from": bad})
+    last = trivial("add", "last", 1, {"from": after})
+    good = trivial("add", "good", 3)
+    outcomes = run([last, good], ledger, config, local=local)
+    assert outcomes[bad.address].status == "failed"
+    assert "ValueError: broken on purpose" in outcomes[bad.address].reason
+    assert "\n" not in outcomes[bad.address].reason
+    assert outcomes[last.address].status == "blocked"
+    assert outcomes[last.address].reason.startswith("needs bad: ValueError")
+    assert outcomes[good.address].status == "ran"
+    assert not ledger.finished(bad.address)
+    assert not ledger.folder(bad.address).exists()
+    assert "Traceback" in (ledger.work(bad.address) / ERROR_LOG).read_text()
+
+
+def test_a_users_error_is_told_as_it_is(ledger, config):
+    bad = trivial("fail", "bad", user_error=True)
+    outcome = run([bad], ledger, config, local=True)[bad.address]
+    assert outcome.reason == "the mesh 'x.stl' has no volume"
+
+
+def test_a_dead_worker_is_tried_again(ledger, config, ray_cluster):
+    once, never = trivial("die_once", "once", 7), trivial("die", "never")
+    outcomes = run([once, never], ledger, config)
+    assert outcomes[once.address].status == "ran"
+    assert result(ledger, once) == 7
+    assert outcomes[never.address].status == "failed"
+    assert "2 attempts" in outcomes[never.address].reason
+
+
+def test_two_drivers_share_the_work(ledger, config, tmp_path):
+    log = tmp_path / "log"
+    stages = [trivial("slow", f"s{i}", i, seconds=0.2, log=str(log)) for i in range(4)]
+    total = trivial("add", "total", 0, {"parts": tuple(stages)}, log=str(log))
+
+    def drive(index):
+        return run([total], Ledger(ledger.store), config, local=True)
+
+    with ThreadPoolExecutor(2) as drivers:
+        outcomes = list(drivers.map(drive, range(2)))
+    assert sorted(log.read_text().split()) == ["s0", "s1", "s2", "s3", "total"]
+    assert all(outcome.ok for driver in outcomes for outcome in driver.values())
+    assert result(ledger, total) == 6
+
+
+def test_ctrl_c_leaves_a_store_that_goes_on(ledger, config, tmp_path):
+    class Impatient:
+        def begin(self, stages, cpus): ...
+        def finished(self, stage, outcome):
+            if stage.name == "b":
+                raise KeyboardInterrupt
+
+        def tick(self, running): ...
+        def end(self): ...
+
+    log = tmp_path / "log"
+    a, b, c, d, _ = chain(str(log))
+    outcomes = run([d], ledger, config, local=True, watcher=Impatient())
+    assert outcomes[a.address].status == "ran"
+    assert outcomes[d.address].status == "interrupted"
+    assert run([d], ledger, config, local=True)[d.address].status == "ran"
+    assert sorted(log.read_text().split()) == ["a", "b", "c", "d"]
+
+
+def test_threads_follow_the_granted_cpus(ledger, config, ray_cluster):
+    stage = trivial("threads", "threads")
+    run([stage], ledger, config)
+    assert (ledger.folder(stage.address) / "threads.txt").read_text() == "2"
+    assert ledger.record(stage.address)["cpus"] == 2
+
+
+def test_progress_is_seen_from_outside(ledger, config):
+    stage = trivial("slow", "s", 1, seconds=1.5)
+    seen = set()
+    driver = threading.Thread(target=run, args=([stage], ledger, config), kwargs={"local": True})
+    driver.start()
+    while driver.is_alive():
+        seen.add(read_progress(ledger.work(stage.address))[1])
+        time.sleep(0.05)
+    driver.join()
+    assert any(message.startswith("step") for message in seen)

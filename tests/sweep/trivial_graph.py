@@ -1,0 +1,17 @@
+"""Graphs of the stages in `trivial_stages`."""
+
+from dmfc.sweep.kinds import StageKind, registry
+from dmfc.sweep.stage import Stage
+
+TRIVIAL = registry(
+    *(
+        StageKind(name, f"trivial_stages:{name}", version=1)
+        for name in ("add", "slow", "fail", "die", "die_once")
+    ),
+    StageKind("threads", "trivial_stages:threads", version=1, cpus=lambda config: 2),
+)
+
+
+def trivial(kind, name, value=1, inputs=None, **settings):
+    """A stage of the registry TRIVIAL."""
+    return Stage(kind, name, 1, {"value": value, **settings}, inputs or {})
