@@ -10,6 +10,7 @@ from dmfc.config.hand import HandConfig
 from dmfc.config.losses import LossConfig
 from dmfc.config.network import NetworkConfig
 from dmfc.config.objects import ObjectsConfig
+from dmfc.config.physics import PhysicsConfig
 from dmfc.config.scenes import MatchingConfig, ScenesConfig
 from dmfc.config.setting import setting
 from dmfc.config.sweep import RunConfig
@@ -20,6 +21,7 @@ from dmfc.config.training import TrainingConfig
 class Config:
     hand: HandConfig = setting(HandConfig, "the hand")
     objects: ObjectsConfig = setting(ObjectsConfig, "objects and their preparation")
+    physics: PhysicsConfig = setting(PhysicsConfig, "simulated physics")
     grasps: GraspsConfig = setting(GraspsConfig, "the planner of ground-truth grasps")
     scenes: ScenesConfig = setting(ScenesConfig, "scenes and cameras")
     matching: MatchingConfig = setting(MatchingConfig, "label matching")

@@ -1,0 +1,149 @@
+"""`GraspSet`: the verified grasps of one object, and their file.
+
+One Parquet file per object, a row per grasp, the object, the hand and the format's version in the
+schema's metadata. Positions are float32 metres, rotations unit quaternions (w x y z), angles
+float32 radians.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from scipy.spatial.transform import Rotation
+
+from dmfc.errors import DmfcError
+
+VERSION = 1
+
+
+@dataclass(frozen=True)
+class GraspSet:
+    """n grasps of an object, in its frame. All arrays are float64 and of the same length."""
+
+    object_id: str
+    hand: str
+    dof_names: list[str]
+    position: np.ndarray
+    """[n, 3] origin of the palm frame, metres."""
+    rotation: np.ndarray
+    """[n, 3, 3] R_object_palm."""
+    joints: np.ndarray
+    """[n, D] rad, when the fingers are in contact."""
+    palm_hit: np.ndarray
+    """[n, 3] the palm reference projected along the palm normal on the surface; NaN: it misses."""
+    q1: np.ndarray
+    """[n] upper bound of Q1 at the contacts of the check."""
+    penetration: np.ndarray
+    """[n] deepest hand-object penetration, metres."""
+    robustness: np.ndarray
+    """[n] fraction of perturbed repeats that held."""
+    contacts: np.ndarray
+    """[n] links of the hand that touch the object."""
+    notes: dict[str, str] = dataclasses.field(default_factory=dict)
+    """Provenance and counts of the planner, as text."""
+
+    def __post_init__(self) -> None:
+        n, dofs = len(self.position), len(self.dof_names)
+        shapes = {
+            "position": (n, 3),
+            "rotation": (n, 3, 3),
+            "joints": (n, dofs),
+            "palm_hit": (n, 3),
+            **dict.fromkeys(_SCALARS, (n,)),
+        }
+        for name, shape in shapes.items():
+            value = np.asarray(getattr(self, name), dtype=np.float64).reshape(shape)
+            object.__setattr__(self, name, value)
+
+    def __len__(self) -> int:
+        return len(self.position)
+
+    def __getitem__(self, rows: np.ndarray | slice) -> GraspSet:
+        """The grasps of some rows (indices, mask or slice)."""
+        return dataclasses.replace(self, **{name: getattr(self, name)[rows] for name in _ARRAYS})
+
+    @property
+    def T_object_palm(self) -> np.ndarray:
+        """[n, 4, 4]."""
+        T = np.tile(np.eye(4), (len(self), 1, 1))
+        T[:, :3, :3], T[:, :3, 3] = self.rotation, self.position
+        return T
+
+    @classmethod
+    def empty(cls, object_id: str, hand: str, dof_names: list[str]) -> GraspSet:
+        return cls(object_id, hand, dof_names, *(np.zeros(0) for _ in _ARRAYS))
+
+    def save(self, path: Path) -> None:
+        """Write the Parquet file; an existing one is replaced."""
+        quaternion = _quaternions(self.rotation)
+        columns = {
+            "position": _vectors(self.position),
+            "quaternion": _vectors(quaternion),
+            "joints": _vectors(self.joints),
+            "palm_hit": _vectors(self.palm_hit),
+            **{name: pa.array(getattr(self, name), pa.float32()) for name in _SCALARS},
+        }
+        metadata = {
+            "dmfc.grasp_set": str(VERSION),
+            "object_id": self.object_id,
+            "hand": self.hand,
+            "dof_names": " ".join(self.dof_names),
+            **{f"note.{key}": value for key, value in self.notes.items()},
+        }
+        pq.write_table(
+            pa.table(columns).replace_schema_metadata(metadata), path, compression="zstd"
+        )
+
+    @classmethod
+    def load(cls, path: Path) -> GraspSet:
+        """Read a file that `save` wrote. Raises DmfcError if it is missing or something else."""
+        try:
+            table = pq.read_table(path)
+        except (OSError, pa.ArrowInvalid) as error:
+            raise DmfcError(f"grasp set {path}: cannot be read ({error})") from error
+        metadata = {k.decode(): v.decode() for k, v in (table.schema.metadata or {}).items()}
+        if metadata.get("dmfc.grasp_set") != str(VERSION):
+            found = metadata.get("dmfc.grasp_set", "none")
+            raise DmfcError(f"grasp set {path}: format version {found}, expected {VERSION}")
+        dof_names = metadata["dof_names"].split()
+        values = {name: table[name].to_numpy() for name in _SCALARS}
+        for name, width in (("position", 3), ("joints", len(dof_names)), ("palm_hit", 3)):
+            values[name] = _matrix(table[name], width)
+        values["rotation"] = _rotations(_matrix(table["quaternion"], 4))
+        notes = {
+            key.removeprefix("note."): value
+            for key, value in metadata.items()
+            if key.startswith("note.")
+        }
+        return cls(metadata["object_id"], metadata["hand"], dof_names, notes=notes, **values)
+
+
+_SCALARS = ("q1", "penetration", "robustness", "contacts")
+_ARRAYS = ("position", "rotation", "joints", "palm_hit", *_SCALARS)
+
+
+def _vectors(rows: np.ndarray) -> pa.FixedSizeListArray:
+    flat = pa.array(rows.astype(np.float32).ravel())
+    return pa.FixedSizeListArray.from_arrays(flat, rows.shape[1])
+
+
+def _matrix(column: pa.ChunkedArray, width: int) -> np.ndarray:
+    flat = column.combine_chunks().flatten().to_numpy(zero_copy_only=False)
+    return flat.astype(np.float64).reshape(-1, width)
+
+
+def _quaternions(rotation: np.ndarray) -> np.ndarray:
+    if not len(rotation):
+        return np.zeros((0, 4))
+    return Rotation.from_matrix(rotation).as_quat(canonical=True, scalar_first=True)
+
+
+def _rotations(quaternion: np.ndarray) -> np.ndarray:
+    if not len(quaternion):
+        return np.zeros((0, 3, 3))
+    return Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
