@@ -1,0 +1,183 @@
+"""Scenes from objects: layout, depth images, cloud, labels; and shards of them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from dmfc.config.scenes import SceneSetConfig, ScenesConfig
+from dmfc.errors import DmfcError
+from dmfc.grasps.grasp_set import GraspSet
+from dmfc.hand.model import HandModel
+from dmfc.objects.model import ObjectModel
+from dmfc.scenes.cameras import table_cameras
+from dmfc.scenes.cloud import fuse_views
+from dmfc.scenes.labels import REASONS, HandPoints, Labels, surviving_labels
+from dmfc.scenes.layout import choose_objects, make_layout
+from dmfc.scenes.placement import CollisionWorld
+from dmfc.scenes.render import Renderer, View, open_renderer
+from dmfc.scenes.scene_set import Scene, write_shard
+
+Which = Literal["train", "test"]
+_CLOUD = 3  # random stream of a scene's cloud, beside those of `dmfc.scenes.layout`
+
+
+def set_config(config: ScenesConfig, which: Which) -> SceneSetConfig:
+    """Settings of the training or the test scenes."""
+    return config.train if which == "train" else config.test
+
+
+def shard_count(config: ScenesConfig, which: Which) -> int:
+    """Number of shards of a set. Raises DmfcError for a set or shards without scenes."""
+    count = set_config(config, which).count
+    if count < 1 or config.shard_size < 1:
+        raise DmfcError(
+            f"{count} scenes in shards of {config.shard_size} make no scene set "
+            f"(settings scenes.{which}.count, scenes.shard_size)"
+        )
+    return -(-count // config.shard_size)
+
+
+def shard_scenes(config: ScenesConfig, which: Which, shard: int) -> range:
+    """Numbers of the scenes of a shard. Raises DmfcError if there is no such shard."""
+    if not 0 <= shard < shard_count(config, which):
+        raise DmfcError(
+            f"no shard {shard}: the {which} set has {shard_count(config, which)} "
+            f"(settings scenes.{which}.count, scenes.shard_size)"
+        )
+    first = shard * config.shard_size
+    return range(first, min(first + config.shard_size, set_config(config, which).count))
+
+
+def shard_objects(
+    config: ScenesConfig, which: Which, shard: int, object_ids: Sequence[str]
+) -> list[str]:
+    """The objects, of all those of the set, that the scenes of a shard hold: all it must load."""
+    scenes = set_config(config, which)
+    used = {
+        name
+        for scene in shard_scenes(config, which, shard)
+        for name in choose_objects(scenes, object_ids, scene)
+    }
+    return sorted(used)
+
+
+def make_shard(
+    config: ScenesConfig,
+    which: Which,
+    shard: int,
+    objects: Mapping[str, ObjectModel],
+    grasps: Mapping[str, GraspSet] | None,
+    hand: HandModel | None,
+    out: Path,
+    progress: Callable[[float, str], None] = lambda fraction, message: None,
+) -> dict[str, int]:
+    """Make one shard of a set and write it to the file `out`; returns counts for a log line.
+
+    `objects` names all objects of the set; only those in this shard's scenes are looked up, so a
+    mapping that loads on demand will do. Without `grasps` the scenes have no labels; with them,
+    `hand` is needed. Raises DmfcError if a scene cannot be made.
+    """
+    if grasps is not None and hand is None:
+        raise DmfcError("scenes with labels need the hand, to drop grasps in collision")
+    numbers = shard_scenes(config, which, shard)
+    scenes = []
+    maker = SceneMaker(config, which, objects, grasps, hand)
+    try:
+        for done, number in enumerate(numbers, start=1):
+            scenes.append(maker.make(number))
+            progress(done / len(numbers), f"scene {number}")
+        manifest = {
+            "which": which,
+            "shard": shard,
+            "config": dataclasses.asdict(config),
+            "renderer": maker.renderer.name,
+            "objects": {i: objects[i].mesh_sha256 for s in scenes for i in s.object_ids},
+            "hand": hand.name if hand else "",
+        }
+    finally:
+        maker.close()
+    write_shard(out, scenes, manifest)
+    counts = {"scenes": len(scenes), "grasps": sum(len(scene.grasp_index) for scene in scenes)}
+    return counts | {
+        f"dropped_{reason}": sum(scene.dropped[reason] for scene in scenes) for reason in REASONS
+    }
+
+
+class SceneMaker:
+    """Makes single scenes; keeps what can be kept from one to the next. Close it after use."""
+
+    def __init__(
+        self,
+        config: ScenesConfig,
+        which: Which,
+        objects: Mapping[str, ObjectModel],
+        grasps: Mapping[str, GraspSet] | None = None,
+        hand: HandModel | None = None,
+    ) -> None:
+        self.config = config
+        self.scenes = set_config(config, which)
+        self.objects = objects
+        self.cameras = table_cameras(config.cameras)
+        self.renderer: Renderer = open_renderer(config.cameras.renderer)
+        self._grasps = grasps
+        self._world = CollisionWorld()
+        self._hand = HandPoints(hand) if hand is not None else None
+
+    def make(self, number: int) -> Scene:
+        """Scene `number` of the set: the same whatever was made before."""
+        layout = make_layout(self.config, self.scenes, self.objects, number, self._world)
+        models = [self.objects[object_id] for object_id in layout.object_ids]
+        T_world_object = layout.T_world_object
+        views = self.views(models, T_world_object)
+        seeds = np.random.SeedSequence(self.scenes.seed, spawn_key=(_CLOUD, number))
+        generator = np.random.default_rng(seeds)
+        cloud = fuse_views(
+            views, self.cameras, models, T_world_object, self.config.points, generator
+        )
+        if self._grasps is None or self._hand is None:
+            none = np.zeros(0)
+            labels = Labels(none.astype(np.uint8), none.astype(np.int32), dict.fromkeys(REASONS, 0))
+        else:
+            labels = surviving_labels(self.config, models, T_world_object, self._grasps, self._hand)
+        return Scene(
+            scene=number,
+            object_ids=layout.object_ids,
+            T_world_object=T_world_object,
+            **_fields(cloud),
+            **_fields(labels),
+        )
+
+    def views(self, models: Sequence[ObjectModel], T_world_object: np.ndarray) -> list[View]:
+        """The depth images of objects at T_world_object [k, 4, 4], one per camera."""
+        return self.renderer.render(self.cameras, models, T_world_object, self.config.table_size)
+
+    def close(self) -> None:
+        self.renderer.close()
+
+    def __enter__(self) -> SceneMaker:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+
+def make_scenes(
+    config: ScenesConfig,
+    which: Which,
+    objects: Mapping[str, ObjectModel],
+    grasps: Mapping[str, GraspSet] | None = None,
+    hand: HandModel | None = None,
+) -> Iterator[Scene]:
+    """All scenes of a set, one after the other, without a file."""
+    with SceneMaker(config, which, objects, grasps, hand) as maker:
+        for number in range(set_config(config, which).count):
+            yield maker.make(number)
+
+
+def _fields(record: Any) -> dict[str, Any]:
+    return {entry.name: getattr(record, entry.name) for entry in dataclasses.fields(record)}
