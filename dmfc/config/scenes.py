@@ -43,7 +43,7 @@ class MatchingConfig:
 
 @dataclass(frozen=True)
 class AugmentationConfig:
-    """What the loader does to a training scene, anew in every epoch; test scenes stay as they are."""
+    """What the loader does to a training scene, anew in every epoch; test scenes are left alone."""
 
     yaw: bool = setting(True, "turn the scene about the vertical by any angle")
     shift: float = setting(0.02, "metres; the scene is moved along x and y by up to this")

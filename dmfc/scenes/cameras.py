@@ -42,7 +42,7 @@ class Camera:
         return np.stack([x, y, np.ones_like(x)], axis=-1) @ self.T_world_camera[:3, :3].T
 
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Image coordinates (u right, v down) [..., 2] in pixels and depth [...] of world points."""
+        """Image coordinates (u right, v down) [..., 2], pixels, and depth [...] of world points."""
         local = (points - self.position) @ self.T_world_camera[:3, :3]
         scaled = self.focal * local[..., :2] / local[..., 2:]
         return scaled + np.array([self.width, self.height]) / 2, local[..., 2]

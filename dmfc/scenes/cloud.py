@@ -37,7 +37,7 @@ def fuse_views(
     count: int,
     generator: np.random.Generator,
 ) -> Cloud:
-    """`count` points of all object pixels of all views, each pixel at most once if there are enough.
+    """`count` points of the object pixels of all views, each at most once if there are enough.
 
     T_world_object: [k, 4, 4]. The normal is that of the triangle that was hit (or, where the
     renderer does not know it, of the nearest one), turned towards the camera: what a camera sees is

@@ -17,7 +17,7 @@ from dmfc.hand.model import HandModel
 from dmfc.objects.model import ObjectModel
 
 REASONS = ("table", "neighbour", "limit")
-"""Why a label is dropped: the hand is in the table, in another object, or scenes.max_grasps is full."""
+"""Why a label is dropped: hand in the table, hand in another object, or scenes.max_grasps full."""
 
 
 @dataclass(frozen=True)

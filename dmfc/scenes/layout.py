@@ -12,7 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from dmfc.config.scenes import SceneSetConfig, ScenesConfig
+from dmfc.config.scenes import ScenesConfig, SceneSetConfig
 from dmfc.errors import DmfcError
 from dmfc.objects.model import ObjectModel
 from dmfc.scenes.placement import CollisionWorld
@@ -79,8 +79,8 @@ def make_layout(
                 break
         else:
             raise DmfcError(
-                f"scene {scene}: no free place for '{object_id}' in {config.place_attempts} attempts"
-                " (settings scenes.table_size, scenes.spawn_radius, scenes.place_attempts)"
+                f"scene {scene}: no free place for '{object_id}' in {config.place_attempts} "
+                "attempts (settings scenes.table_size, scenes.spawn_radius, scenes.place_attempts)"
             )
         world.add(model, T_world_object)
         poses.append(T_world_object)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
-from dmfc.config.scenes import SceneSetConfig, ScenesConfig
+from dmfc.config.scenes import ScenesConfig, SceneSetConfig
 from dmfc.errors import DmfcError
 from dmfc.grasps.grasp_set import GraspSet
 from dmfc.hand.model import HandModel
@@ -23,6 +23,7 @@ from dmfc.scenes.render import Renderer, View, open_renderer
 from dmfc.scenes.scene_set import Scene, write_shard
 
 Which = Literal["train", "test"]
+Progress = Callable[[float, str], None]
 _CLOUD = 3  # random stream of a scene's cloud, beside those of `dmfc.scenes.layout`
 
 
@@ -74,37 +75,51 @@ def make_shard(
     grasps: Mapping[str, GraspSet] | None,
     hand: HandModel | None,
     out: Path,
-    progress: Callable[[float, str], None] = lambda fraction, message: None,
+    progress: Progress = lambda fraction, message: None,
 ) -> dict[str, int]:
-    """Make one shard of a set and write it to the file `out`; returns counts for a log line.
+    """Shard number `shard` of the training or the test set: see `make_scene_file`."""
+    numbers = shard_scenes(config, which, shard)
+    scenes = set_config(config, which)
+    return make_scene_file(config, scenes, numbers, objects, grasps, hand, out, progress)
 
-    `objects` names all objects of the set; only those in this shard's scenes are looked up, so a
-    mapping that loads on demand will do. Without `grasps` the scenes have no labels; with them,
-    `hand` is needed. Raises DmfcError if a scene cannot be made.
+
+def make_scene_file(
+    config: ScenesConfig,
+    scenes: SceneSetConfig,
+    numbers: range,
+    objects: Mapping[str, ObjectModel],
+    grasps: Mapping[str, GraspSet] | None,
+    hand: HandModel | None,
+    out: Path,
+    progress: Progress = lambda fraction, message: None,
+) -> dict[str, int]:
+    """Make the scenes `numbers` of a set and write them to the file `out`; returns counts.
+
+    `objects` names all objects of the set; only those in these scenes are looked up, so a mapping
+    that loads on demand will do. Without `grasps` the scenes have no labels; with them, `hand` is
+    needed. The bytes depend on settings and inputs alone. Raises DmfcError if a scene cannot be
+    made, or the file not written.
     """
     if grasps is not None and hand is None:
         raise DmfcError("scenes with labels need the hand, to drop grasps in collision")
-    numbers = shard_scenes(config, which, shard)
-    scenes = []
-    maker = SceneMaker(config, which, objects, grasps, hand)
-    try:
+    made = []
+    with SceneMaker(config, scenes, objects, grasps, hand) as maker:
         for done, number in enumerate(numbers, start=1):
-            scenes.append(maker.make(number))
+            made.append(maker.make(number))
             progress(done / len(numbers), f"scene {number}")
-        manifest = {
-            "which": which,
-            "shard": shard,
-            "config": dataclasses.asdict(config),
-            "renderer": maker.renderer.name,
-            "objects": {i: objects[i].mesh_sha256 for s in scenes for i in s.object_ids},
-            "hand": hand.name if hand else "",
-        }
-    finally:
-        maker.close()
-    write_shard(out, scenes, manifest)
-    counts = {"scenes": len(scenes), "grasps": sum(len(scene.grasp_index) for scene in scenes)}
+        renderer = maker.renderer.name
+    manifest = {
+        "set": _without(scenes, "count"),
+        "scenes": _without(config, "train", "test", "shard_size", "augmentation"),
+        "numbers": [numbers.start, numbers.stop],
+        "renderer": renderer,
+        "objects": {i: objects[i].mesh_sha256 for scene in made for i in scene.object_ids},
+        "hand": hand.name if hand else "",
+    }
+    write_shard(out, made, manifest)
+    counts = {"scenes": len(made), "grasps": sum(len(scene.grasp_index) for scene in made)}
     return counts | {
-        f"dropped_{reason}": sum(scene.dropped[reason] for scene in scenes) for reason in REASONS
+        f"dropped_{reason}": sum(scene.dropped[reason] for scene in made) for reason in REASONS
     }
 
 
@@ -114,13 +129,13 @@ class SceneMaker:
     def __init__(
         self,
         config: ScenesConfig,
-        which: Which,
+        scenes: SceneSetConfig,
         objects: Mapping[str, ObjectModel],
         grasps: Mapping[str, GraspSet] | None = None,
         hand: HandModel | None = None,
     ) -> None:
         self.config = config
-        self.scenes = set_config(config, which)
+        self.scenes = scenes
         self.objects = objects
         self.cameras = table_cameras(config.cameras)
         self.renderer: Renderer = open_renderer(config.cameras.renderer)
@@ -166,17 +181,8 @@ class SceneMaker:
         self.close()
 
 
-def make_scenes(
-    config: ScenesConfig,
-    which: Which,
-    objects: Mapping[str, ObjectModel],
-    grasps: Mapping[str, GraspSet] | None = None,
-    hand: HandModel | None = None,
-) -> Iterator[Scene]:
-    """All scenes of a set, one after the other, without a file."""
-    with SceneMaker(config, which, objects, grasps, hand) as maker:
-        for number in range(set_config(config, which).count):
-            yield maker.make(number)
+def _without(config: Any, *names: str) -> dict[str, Any]:
+    return {k: v for k, v in dataclasses.asdict(config).items() if k not in names}
 
 
 def _fields(record: Any) -> dict[str, Any]:

@@ -1,9 +1,9 @@
 """Label matching: which ground-truth grasps are attached to which object points.
 
 The paper attaches grasp g to point i of the same object if d_t = |p_i - p_p| <= 5 mm and
-d_n = n_i . (p_p - p_i) > 0, with p_p the palm reference point. Read so ('literal'), hardly any grasp
-of a real hand matches, since a palm stands off its object. By default ('projected'), d_t is measured
-to p_p projected along the palm normal onto the object; d_n keeps p_p itself.
+d_n = n_i . (p_p - p_i) > 0, with p_p the palm reference point. Read so ('literal'), hardly any
+grasp of a real hand matches, since a palm stands off its object. By default ('projected'), d_t is
+measured to p_p projected along the palm normal onto the object; d_n keeps p_p itself.
 """
 
 from __future__ import annotations

@@ -85,7 +85,7 @@ class EmbreeRenderer:
         view.face[rows, columns] = hits["primID"][is_seen]
 
     def _empty(self, camera: Camera, table_size: float) -> View:
-        """A fresh view of the empty table; its depth is kept, for the cameras stay where they are."""
+        """A fresh view of the empty table; its depth is kept, for cameras stay where they are."""
         key = (camera.T_world_camera.tobytes(), camera.width, camera.height, camera.focal)
         if (*key, table_size) not in self._tables:
             if len(self._tables) >= KEPT_TABLES:

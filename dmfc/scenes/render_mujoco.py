@@ -10,6 +10,7 @@ import importlib
 import os
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -48,7 +49,7 @@ class MujocoRenderer:
     name = "mujoco"
 
     def __init__(self) -> None:
-        self._gl = None
+        self._gl: Any = None
         self._size = (0, 0)
 
     def render(
@@ -159,14 +160,14 @@ def _backends() -> list[str]:
     return [chosen] if chosen in ("egl", "osmesa", "glfw") else ["egl", "osmesa", "glfw"]
 
 
-def _context(backend: str, width: int, height: int):
+def _context(backend: str, width: int, height: int) -> Any:
     """A current OpenGL context of MuJoCo's own binding to `backend`."""
     context = importlib.import_module(f"mujoco.{backend}").GLContext(width, height)
     context.make_current()
     return context
 
 
-def _first_context(width: int, height: int):
+def _first_context(width: int, height: int) -> Any:
     """A context of the first backend that works; the last one's error is raised if none does."""
     *first, last = _backends()
     for backend in first:

@@ -138,7 +138,7 @@ class _Shard:
         version = stored.get(_KIND, b"none").decode()
         if version != str(VERSION):
             raise DmfcError(
-                f"scene shard {path} has format version {version}, expected {VERSION}; make it again"
+                f"scene shard {path}: format version {version}, expected {VERSION}; make it again"
             )
         self.rows = metadata.num_rows
         self.manifest = json.loads(stored[_MANIFEST])

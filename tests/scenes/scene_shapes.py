@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import igl
 import numpy as np
 import trimesh
+from dmfc.objects.model import ObjectModel
 
 from dmfc.geometry.grid import Grid
-from dmfc.grasps.grasp_set import GraspSet
-from dmfc.objects.model import ObjectModel
 
 
 def box_mesh(size: tuple[float, float, float]) -> trimesh.Trimesh:
@@ -68,7 +69,7 @@ def cup_model() -> ObjectModel:
     mesh = cup_mesh()
     outer, inner, height, floor = 0.035, 0.029, 0.09, 0.006
     parts, angles = [], np.linspace(0, 2 * np.pi, 41)
-    for left, right in zip(angles[:-1], angles[1:], strict=True):
+    for left, right in pairwise(angles):
         ring = [
             (r * np.cos(a), r * np.sin(a), z)
             for r in (inner, outer)
