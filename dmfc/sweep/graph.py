@@ -19,6 +19,7 @@ from dmfc.sweep.kinds import KINDS, Registry, kind_of
 from dmfc.sweep.stage import Stage
 
 T = TypeVar("T")
+Inputs = dict[str, Stage | tuple[Stage, ...]]
 
 
 @dataclass(frozen=True)
@@ -88,7 +89,7 @@ class GraphBuilder:
         shared = {ref.id for ref in train} & {ref.id for ref in test}
         if shared:
             raise DmfcError(
-                f"'{min(shared)}' is both in objects.train and in objects.test: a model must not be "
+                f"'{min(shared)}' is in objects.train and in objects.test: a model must not be "
                 "tested on what it was trained on"
             )
         prepare = config.objects.prepare
@@ -115,7 +116,7 @@ class GraphBuilder:
             raise DmfcError(f"scenes.{split}.count is {chosen.count}: no scenes to make")
         size = max(1, config.scenes.shard_size)
         scenes = without(config.scenes, "train", "test", "shard_size", "augmentation")
-        inputs = {
+        inputs: Inputs = {
             "hand": self.hand(config),
             "objects": self.objects(config, split),
             "grasps": self.grasps(config, split),
@@ -160,7 +161,7 @@ class GraphBuilder:
             "losses": config.losses,
             "training": without(config.training, "pretrain"),
         }
-        inputs = {**self._learning_inputs(config), "weights": self.pretrain(config)}
+        inputs: Inputs = {**self._learning_inputs(config), "weights": self.pretrain(config)}
         return self.stage("finetune", f"{name} seed {config.training.seed}", settings, inputs)
 
     def cell(self, config: Config, model: str, name: str) -> CellStages:
@@ -176,7 +177,7 @@ class GraphBuilder:
             "execution": config.execution,
             "physics": config.physics,
         }
-        inputs: dict[str, Stage | tuple[Stage, ...]] = {
+        inputs: Inputs = {
             "hand": self.hand(config),
             "objects": self.objects(config, "test"),
         }
@@ -191,7 +192,7 @@ class GraphBuilder:
                 self.stage(
                     "evaluate",
                     f"{name}:{place} seed {config.execution.seed}",
-                    {**settings, "scenes": shard.config["stop"] - shard.config["start"]},
+                    settings,
                     {**inputs, "scenes": shard},
                 )
                 for place, shard in enumerate(shards)
@@ -208,7 +209,7 @@ class GraphBuilder:
             "points": config.scenes.points,
         }
 
-    def _learning_inputs(self, config: Config) -> dict[str, Stage | tuple[Stage, ...]]:
+    def _learning_inputs(self, config: Config) -> Inputs:
         return {
             "hand": self.hand(config),
             "objects": self.objects(config, "train"),

@@ -1,0 +1,98 @@
+"""Trial rows of a sweep, gathered from the ledger by its `sweep.json`; tables written beside it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from dmfc.errors import DmfcError, unknown_name
+from dmfc.report.formats import to_csv, to_json, to_latex, to_markdown
+from dmfc.report.rates import concatenate
+from dmfc.report.table import CellRows, SweepTable, make_table
+from dmfc.sweep.context import write_json
+from dmfc.sweep.ledger import Ledger
+
+TRIALS = "trials.parquet"
+
+
+def list_sweeps(ledger: Ledger) -> list[str]:
+    """Ids of the sweeps in a store, the latest last."""
+    found = (ledger.store / "sweeps").glob("*/sweep.json")
+    return [path.parent.name for path in sorted(found, key=lambda path: path.stat().st_mtime)]
+
+
+def read_sweep(ledger: Ledger, sweep_id: str) -> dict[str, Any]:
+    """The `sweep.json` of a sweep. Raises DmfcError naming the nearest id."""
+    path = ledger.store / "sweeps" / sweep_id / "sweep.json"
+    if not path.is_file():
+        raise unknown_name("sweep", sweep_id, list_sweeps(ledger))
+    return json.loads(path.read_text())
+
+
+def collect(
+    ledger: Ledger, sweep: Mapping[str, Any], failures: Mapping[str, str] | None = None
+) -> list[CellRows]:
+    """The rows of every cell. `failures` gives reasons of stages that are not there, by address."""
+    return [_cell(ledger, cell, failures or {}) for cell in sweep["cells"]]
+
+
+def table_of(
+    ledger: Ledger, sweep: Mapping[str, Any], failures: Mapping[str, str] | None = None
+) -> SweepTable:
+    """The table of a sweep from what is in the ledger."""
+    return make_table(
+        collect(ledger, sweep, failures),
+        id=sweep["id"],
+        name=sweep["name"],
+        title=sweep["title"],
+        preset=sweep["preset"] or "defaults",
+    )
+
+
+def write_table(ledger: Ledger, table: SweepTable, rows: list[CellRows]) -> list[Path]:
+    """Write table.md, .csv, .tex, .json and all trial rows into the sweep's folder."""
+    folder = ledger.store / "sweeps" / table.id
+    folder.mkdir(parents=True, exist_ok=True)
+    texts = {"md": to_markdown(table), "csv": to_csv(table), "tex": to_latex(table)}
+    paths = []
+    for suffix, text in texts.items():
+        path = folder / f"table.{suffix}"
+        path.write_text(text, encoding="utf-8")
+        paths.append(path)
+    write_json(folder / "table.json", to_json(table))
+    parts = [cell.rows.assign(cell=cell.name, seed=cell.seed) for cell in rows if len(cell.rows)]
+    concatenate(parts).to_parquet(folder / TRIALS, index=False)
+    return [*paths, folder / "table.json", folder / TRIALS]
+
+
+def _cell(ledger: Ledger, cell: Mapping[str, Any], failures: Mapping[str, str]) -> CellRows:
+    parts, missing = [], []
+    for address in cell["evaluations"]:
+        if ledger.finished(address):
+            parts.append(_read_rows(ledger.folder(address) / TRIALS))
+        else:
+            missing.append(failures.get(address, "not run yet"))
+    failure = ""
+    if missing:
+        told = "; ".join(dict.fromkeys(missing))
+        failure = f"{len(missing)} of {len(cell['evaluations'])} shards missing: {told}"
+    return CellRows(
+        name=cell["name"],
+        label=cell["label"],
+        seed=cell["seed"],
+        trials=cell["trials"],
+        rows=concatenate(parts),
+        paper={name: (pair[0], pair[1]) for name, pair in cell["paper"].items()},
+        failure=failure,
+    )
+
+
+def _read_rows(path: Path) -> pd.DataFrame:
+    try:
+        return pd.read_parquet(path)
+    except (OSError, ValueError) as error:
+        raise DmfcError(f"trial rows '{path}' cannot be read: {error}") from error

@@ -1,0 +1,179 @@
+"""A table as Markdown, CSV, LaTeX, JSON, and for the terminal."""
+
+from __future__ import annotations
+
+import csv
+import io
+from typing import Any
+
+from rich.table import Table
+
+from dmfc.report.rates import Rate
+from dmfc.report.table import NAMES, SweepTable, TableRow
+
+
+def to_markdown(table: SweepTable) -> str:
+    """The table, the per-object breakdown, and why trials failed."""
+    head = ["model", "trials"]
+    for name in NAMES:
+        head += [f"{name} ± s.e. [95 %]", "paper"]
+    lines = [f"## {table.title}", "", f"Sweep `{table.id}`, preset `{table.preset}`.", ""]
+    lines += [_markdown_row(head), _markdown_row(["---"] * len(head))]
+    for row in table.rows:
+        cells = [row.label, str(row.trials)]
+        for name in NAMES:
+            cells += [rate_text(row.rate(name)), paper_text(row, name)]
+        lines.append(_markdown_row(cells))
+    for row in table.rows:
+        if row.failure:
+            lines += ["", f"**{row.label}: incomplete.** {row.failure}"]
+    lines += ["", "### Overall rate per object", "", *_markdown_objects(table)]
+    lines += ["", "### Why grasps did not hold", "", *_markdown_reasons(table)]
+    return "\n".join(lines) + "\n"
+
+
+def to_csv(table: SweepTable) -> str:
+    """One line per cell; empty fields where there is no figure."""
+    out = io.StringIO()
+    head = ["cell", "label", "seeds", "trials"]
+    for name in NAMES:
+        head += [f"{name}{suffix}" for suffix in ("", "_n", "_se", "_low", "_high")]
+        head += [f"paper_{name}", f"paper_{name}_se"]
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow([*head, "failure"])
+    for row in table.rows:
+        line: list[Any] = [row.name, row.label, row.seeds, row.trials]
+        for name in NAMES:
+            rate = row.rate(name)
+            low, high = rate.interval or (None, None)
+            line += [_number(rate.value), rate.trials, _number(rate.standard_error)]
+            line += [_number(low), _number(high), *row.paper.get(name, ("", ""))]
+        writer.writerow([*line, row.failure])
+    return out.getvalue()
+
+
+def to_latex(table: SweepTable) -> str:
+    """A `tabular` for booktabs: ours with the interval, the paper's in brackets."""
+    lines = [
+        f"% {table.title}; sweep {table.id}, preset {table.preset}",
+        r"\begin{tabular}{lrlll}",
+        r"\toprule",
+        r"model & $n$ & valid & success & overall \\",
+        r"\midrule",
+    ]
+    for row in table.rows:
+        cells = [_latex(row.label), str(row.trials)]
+        cells += [_latex_rate(row, name) for name in NAMES]
+        lines.append(" & ".join(cells) + r" \\")
+    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"]) + "\n"
+
+
+def to_json(table: SweepTable) -> dict[str, Any]:
+    """The table for a machine."""
+    return {
+        "id": table.id,
+        "name": table.name,
+        "title": table.title,
+        "preset": table.preset,
+        "cells": {row.name: _json_row(row) for row in table.rows},
+    }
+
+
+def to_rich(table: SweepTable) -> Table:
+    """The table for the terminal."""
+    shown = Table(title=f"{table.title} ({table.preset})", title_justify="left")
+    shown.add_column("model")
+    shown.add_column("n", justify="right")
+    for name in NAMES:
+        shown.add_column(f"{name} ± s.e.\n[95 %]")
+        shown.add_column("paper")
+    for row in table.rows:
+        cells = [row.label, str(row.trials)]
+        for name in NAMES:
+            cells += [rate_text(row.rate(name)).replace(" [", "\n["), paper_text(row, name)]
+        shown.add_row(*(cell.replace("[", r"\[") for cell in cells))
+    return shown
+
+
+def rate_text(rate: Rate) -> str:
+    """'0.50 ± 0.03 [0.44, 0.56]', or a dash where there were no trials."""
+    interval = rate.interval
+    if rate.value is None or interval is None:
+        return "–"
+    return f"{rate.value:.2f} ± {rate.standard_error:.2f} [{interval[0]:.2f}, {interval[1]:.2f}]"
+
+
+def paper_text(row: TableRow, name: str) -> str:
+    """The paper's figure as printed there; empty where it has none."""
+    if name not in row.paper:
+        return ""
+    value, error = row.paper[name]
+    return f"{value:g} ± {error:g}"
+
+
+def _json_row(row: TableRow) -> dict[str, Any]:
+    return {
+        "label": row.label,
+        "seeds": row.seeds,
+        "trials": row.trials,
+        "failure": row.failure or None,
+        "rates": {name: _json_rate(row.rate(name)) for name in NAMES},
+        "paper": {name: list(pair) for name, pair in row.paper.items()},
+        "objects": {
+            obj: {name: _json_rate(getattr(found, name)) for name in NAMES}
+            for obj, found in row.objects.items()
+        },
+        "reasons": dict(row.reasons),
+    }
+
+
+def _json_rate(rate: Rate) -> dict[str, Any]:
+    return {
+        "value": rate.value,
+        "n": rate.trials,
+        "standard_error": rate.standard_error,
+        "interval": list(rate.interval) if rate.interval else None,
+    }
+
+
+def _markdown_objects(table: SweepTable) -> list[str]:
+    names = sorted({name for row in table.rows for name in row.objects})
+    lines = [_markdown_row(["object", *(row.label for row in table.rows)])]
+    lines.append(_markdown_row(["---"] * (len(table.rows) + 1)))
+    for name in names:
+        cells = [name]
+        for row in table.rows:
+            found = row.objects.get(name)
+            has = found is not None and found.overall.value is not None
+            cells.append(f"{found.overall.value:.2f} ({found.overall.trials})" if has else "–")  # type: ignore[union-attr]
+        lines.append(_markdown_row(cells))
+    return lines
+
+
+def _markdown_reasons(table: SweepTable) -> list[str]:
+    lines = []
+    for row in table.rows:
+        counts = ", ".join(f"{reason} {count}" for reason, count in row.reasons.items())
+        lines.append(f"- {row.label}: {counts or 'all held'}")
+    return lines
+
+
+def _markdown_row(cells: list[str]) -> str:
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+
+def _latex_rate(row: TableRow, name: str) -> str:
+    rate, interval = row.rate(name), row.rate(name).interval
+    if rate.value is None or interval is None:
+        return "--"
+    paper = f" ({row.paper[name][0]:g})" if name in row.paper else ""
+    low, high = interval
+    return f"${rate.value:.2f} \\pm {rate.standard_error:.2f}$ [{low:.2f}, {high:.2f}]{paper}"
+
+
+def _latex(text: str) -> str:
+    return text.replace("&", r"\&").replace("_", r"\_").replace("%", r"\%")
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.6f}"

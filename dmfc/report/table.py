@@ -1,0 +1,84 @@
+"""The table of a sweep: a row per cell, with the paper's figures beside ours."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import pandas as pd
+
+from dmfc.report.rates import Rate, Rates, concatenate, per_object, rates, reasons
+
+NAMES = ("valid", "success", "overall")
+
+
+@dataclass(frozen=True)
+class CellRows:
+    """One cell at one seed: its trial rows, and how many there should be."""
+
+    name: str
+    label: str
+    seed: int
+    trials: int
+    rows: pd.DataFrame
+    paper: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    failure: str = ""
+    """Why rows are missing; empty if none is."""
+
+
+@dataclass(frozen=True)
+class TableRow:
+    """One row: a cell over all its seeds."""
+
+    name: str
+    label: str
+    seeds: int
+    trials: int
+    rates: Rates
+    paper: Mapping[str, tuple[float, float]]
+    failure: str
+    objects: Mapping[str, Rates]
+    reasons: Mapping[str, int]
+
+    def rate(self, name: str) -> Rate:
+        """'valid', 'success' or 'overall'."""
+        return getattr(self.rates, name)
+
+
+@dataclass(frozen=True)
+class SweepTable:
+    """A table with its title, in the order of the sweep file."""
+
+    id: str
+    name: str
+    title: str
+    preset: str
+    rows: tuple[TableRow, ...]
+
+
+def make_table(
+    cells: Sequence[CellRows], *, id: str, name: str, title: str, preset: str
+) -> SweepTable:
+    """Pool the seeds of each cell and compute its rates."""
+    grouped: dict[str, list[CellRows]] = {}
+    for cell in cells:
+        grouped.setdefault(cell.name, []).append(cell)
+    return SweepTable(id, name, title, preset, tuple(_row(group) for group in grouped.values()))
+
+
+def _row(group: Sequence[CellRows]) -> TableRow:
+    first = group[0]
+    rows = concatenate([cell.rows.assign(seed=cell.seed) for cell in group if len(cell.rows)])
+    trials = sum(cell.trials for cell in group)
+    failures = list(dict.fromkeys(cell.failure for cell in group if cell.failure))
+    return TableRow(
+        name=first.name,
+        label=first.label,
+        seeds=len(group),
+        trials=trials,
+        rates=rates(rows, trials),
+        paper=first.paper,
+        failure="; ".join(failures),
+        objects=per_object(rows),
+        reasons=reasons(rows, trials),
+    )
