@@ -15,14 +15,30 @@ class StageSchedule:
     decay: float = setting(0.9, "factor applied every `decay_every` epochs")
     decay_every: int = setting(10, "epochs between two decays")
 
+    def __post_init__(self) -> None:
+        """Raises ValueError for a schedule that cannot be run."""
+        if self.epochs < 1 or self.decay_every < 1 or self.learning_rate <= 0:
+            raise ValueError(
+                "training: epochs and decay_every must be at least 1, learning_rate positive"
+            )
+
 
 @dataclass(frozen=True)
 class TrainingConfig:
     batch_size: int = setting(4, "scenes per batch")
     pretrain: StageSchedule = setting(StageSchedule, "stage 1: chamfer and confidence only")
     finetune: StageSchedule = setting(StageSchedule(epochs=20), "stage 2: the task loss")
-    hard_samples: int = setting(64, "predictions with the highest error that are back-propagated; 0: all")
+    hard_samples: int = setting(
+        64, "predictions with the highest error that are back-propagated; 0: all"
+    )
     hard_scope: Literal["batch", "scene"] = setting("batch", "where the hardest are chosen")
+    hard_stages: Literal["both", "finetune"] = setting(
+        "both", "stages in which only the hardest count; the paper chooses 'during training'"
+    )
+    rank_points: int = setting(
+        250, "collision points of the hand used to find the hardest; 0: all, the exact ranking"
+    )
+    max_gradient_norm: float = setting(0.0, "gradients are scaled down to this norm; 0: never")
     precision: Literal["32-true", "bf16-mixed"] = setting("32-true", "Lightning's precision")
     accelerator: str = setting("auto", "Lightning's accelerator")
     devices: int = setting(1, "devices")

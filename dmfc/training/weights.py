@@ -1,0 +1,67 @@
+"""The folder that a training stage leaves: its files, and the network read back from them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import torch
+from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+from safetensors import SafetensorError
+from safetensors.torch import load_file
+
+from dmfc.config.network import NetworkConfig
+from dmfc.errors import DmfcError
+from dmfc.hand.model import HandModel
+from dmfc.network.model import DmfcGraspNet
+
+WEIGHTS = "weights.safetensors"
+METRICS = "metrics.jsonl"
+CONFIG = "config.yaml"
+SUMMARY = "summary.json"
+
+
+def new_network(config: NetworkConfig, hand: HandModel) -> DmfcGraspNet:
+    """An untrained network for `hand`, float32, with weights from torch's current random state."""
+    return DmfcGraspNet(config, _inside(hand.lower, np.inf), _inside(hand.upper, -np.inf))
+
+
+def load_network(folder: Path, hand: HandModel) -> DmfcGraspNet:
+    """The trained network of a stage's `folder`, in evaluation mode.
+
+    Raises DmfcError where the folder holds none, or one for another hand.
+    """
+    try:
+        stored = OmegaConf.load(folder / CONFIG)
+        trained_hand = stored.hand
+        config = OmegaConf.merge(OmegaConf.structured(NetworkConfig), stored.network)
+        net = new_network(OmegaConf.to_object(config), hand)
+    except (OSError, AttributeError, ValueError, OmegaConfBaseException) as error:
+        raise DmfcError(f"{folder} holds no trained network: {_first_line(error)}") from error
+    if trained_hand != hand.name:
+        raise DmfcError(f"{folder} was trained for the hand '{trained_hand}', not '{hand.name}'")
+    load_weights(net, folder)
+    return net.eval()
+
+
+def load_weights(net: DmfcGraspNet, folder: Path) -> None:
+    """Fill `net` with the weights of a stage's `folder`; they must fit exactly."""
+    try:
+        net.load_state_dict(load_file(folder / WEIGHTS))
+    except (OSError, SafetensorError, RuntimeError) as error:
+        raise DmfcError(
+            f"the weights in {folder} do not fit this network and hand: {_first_line(error)} "
+            "(network.*, hand.name)"
+        ) from error
+
+
+def _inside(limit: np.ndarray, towards: float) -> torch.Tensor:
+    """`limit` in float32, rounded into the range: a clamped joint is within the exact limits."""
+    rounded = limit.astype(np.float32)
+    outside = (rounded - limit) * np.sign(towards) < 0
+    return torch.from_numpy(np.where(outside, np.nextafter(rounded, np.float32(towards)), rounded))
+
+
+def _first_line(error: Exception) -> str:
+    return " ".join(str(error).split())[:200]
