@@ -185,8 +185,8 @@ def _adjacency(
     """Pairs [L, L] that cannot collide, or always do.
 
     A link and its parent; a link and what is adjacent to its parent where both turn about one
-    point (a universal joint); the pairs that the MJCF excludes; pairs that touch in the rest pose,
-    the open hand or a pre-shape.
+    point (a universal joint); the pairs that the MJCF excludes; pairs that touch in the rest pose
+    or the open hand.
     """
     parents, links = tree["parents"], len(surfaces)
     adjacent = np.eye(links, dtype=bool)
@@ -199,9 +199,7 @@ def _adjacency(
     for signature in model.exclude_signature:
         first, second = int(signature) >> 16, int(signature) & 0xFFFF
         adjacent[first - 1, second - 1] = adjacent[second - 1, first - 1] = True
-    poses = [np.zeros(len(description.dofs)), description.open_joints]
-    poses += [description.preshape(name) for name in description.preshapes]
-    for joints in poses:
+    for joints in (np.zeros(len(description.dofs)), description.open_joints):
         T_palm_link = _link_poses(model, description, joints)
         for i, j in zip(*np.nonzero(~adjacent), strict=True):
             if _touch(surfaces[j], candidates[i], inverse(T_palm_link[j]) @ T_palm_link[i]):
