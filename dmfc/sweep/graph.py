@@ -92,22 +92,20 @@ class GraphBuilder:
                 f"'{min(shared)}' is in objects.train and in objects.test: a model must not be "
                 "tested on what it was trained on"
             )
-        prepare = config.objects.prepare
-        return tuple(
-            self.stage(
-                "object", ref.id, {"object": ref.id, "digest": ref.digest, "prepare": prepare}
-            )
-            for ref in (train if split == "train" else test)
-        )
+        return self._objects(config, train if split == "train" else test)
+
+    def selected_objects(self, config: Config, selectors: Sequence[str]) -> tuple[Stage, ...]:
+        """The prepared objects that the user's own selectors name."""
+        return self._objects(config, self._select(selectors, "the selection"))
 
     def grasps(self, config: Config, split: str) -> tuple[Stage, ...]:
         """The planned grasps of each object of a split."""
-        hand = self.hand(config)
+        return tuple(self.grasps_of(config, obj) for obj in self.objects(config, split))
+
+    def grasps_of(self, config: Config, obj: Stage) -> Stage:
+        """The planned grasps of one prepared object."""
         settings = {"hand": config.hand, "grasps": config.grasps, "physics": config.physics}
-        return tuple(
-            self.stage("grasps", obj.name, settings, {"object": obj, "hand": hand})
-            for obj in self.objects(config, split)
-        )
+        return self.stage("grasps", obj.name, settings, {"object": obj, "hand": self.hand(config)})
 
     def scenes(self, config: Config, split: str) -> tuple[Stage, ...]:
         """The shards of a scene set."""
@@ -205,8 +203,7 @@ class GraphBuilder:
             "hand": config.hand,
             "network": config.network,
             "matching": config.matching,
-            "augmentation": config.scenes.augmentation,
-            "points": config.scenes.points,
+            "scenes": without(config.scenes, "train", "test", "shard_size"),
         }
 
     def _learning_inputs(self, config: Config) -> Inputs:
@@ -216,6 +213,15 @@ class GraphBuilder:
             "grasps": self.grasps(config, "train"),
             "scenes": self.scenes(config, "train"),
         }
+
+    def _objects(self, config: Config, refs: Sequence[ObjectRef]) -> tuple[Stage, ...]:
+        prepare = config.objects.prepare
+        return tuple(
+            self.stage(
+                "object", ref.id, {"object": ref.id, "digest": ref.digest, "prepare": prepare}
+            )
+            for ref in refs
+        )
 
     def _select(self, selectors: Sequence[str], key: str) -> list[ObjectRef]:
         wanted = tuple(selectors)

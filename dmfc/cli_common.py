@@ -1,0 +1,132 @@
+"""What the verbs share: options, the console, and running stages for a person who watches."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from dmfc.errors import DmfcError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from dmfc.config.schema import Config
+    from dmfc.sweep.engine import Outcomes
+    from dmfc.sweep.graph import GraphBuilder
+    from dmfc.sweep.ledger import Ledger
+    from dmfc.sweep.stage import Stage
+
+INTERRUPTED = 130
+"""Exit status after Ctrl-C, as shells have it."""
+
+Preset = Annotated[
+    str,
+    typer.Option("--preset", help="Settings to start from: smoke, quick, paper, or a YAML file."),
+]
+Overrides = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set", help="key=value over the preset, for example training.seed=1. Repeatable."
+    ),
+]
+Store = Annotated[
+    Path,
+    typer.Option("--store", envvar="DMFC_STORE", help="Folder of finished stages and results."),
+]
+AsJson = Annotated[bool, typer.Option("--json", help="Answer with JSON on standard output.")]
+
+PRESET = "quick"
+STORE = Path("store")
+
+
+@dataclass(frozen=True)
+class Session:
+    """The settings and the store that one call works with."""
+
+    config: Config
+    ledger: Ledger
+    builder: GraphBuilder
+
+    @classmethod
+    def open(cls, preset: str, overrides: Sequence[str] | None, store: Path) -> Session:
+        from dmfc.config.load import load_config
+        from dmfc.sweep.graph import GraphBuilder
+        from dmfc.sweep.ledger import Ledger
+        from dmfc.sweep.selection import list_refs
+
+        config = load_config(preset, overrides or [])
+        return cls(config, Ledger(store), GraphBuilder(list_refs))
+
+    def make(self, targets: Sequence[Stage]) -> Outcomes:
+        """Run what is missing, shown on standard error; ends the program on Ctrl-C."""
+        return run_shown(targets, self.ledger, self.config)
+
+
+def run_shown(targets: Sequence[Stage], ledger: Ledger, config: Config) -> Outcomes:
+    """Run stages with progress on standard error. Ctrl-C prints the line that resumes, and ends."""
+    from dmfc.sweep.engine import run_stages, unfinished
+    from dmfc.sweep.watch import Progress
+
+    console = stderr()
+    alone = len(unfinished(targets, ledger)) == 1
+    outcomes = run_stages(targets, ledger, config, watcher=Progress(ledger, console), local=alone)
+    if any(outcome.status == "interrupted" for outcome in outcomes.values()):
+        line = shlex.join(["dmfc", *sys.argv[1:]])
+        console.print(f"stopped; finished stages are kept. Go on with:\n  {line}", soft_wrap=True)
+        raise typer.Exit(INTERRUPTED)
+    return outcomes
+
+
+def require(outcomes: Mapping[str, Any], stages: Sequence[Stage]) -> None:
+    """Raise DmfcError with the first reason if one of the stages is not there."""
+    for stage in stages:
+        outcome = outcomes[stage.address]
+        if not outcome.ok:
+            raise DmfcError(f"{stage.kind} {stage.name}: {outcome.reason}")
+
+
+def stderr() -> Console:
+    """The console for people; standard output is for answers."""
+    from rich.console import Console
+
+    return Console(stderr=True, highlight=False)
+
+
+def answer(value: Any) -> None:
+    """Print JSON for a machine."""
+    typer.echo(json.dumps(value, indent=2, sort_keys=False, default=str))
+
+
+def show_rows(title: str, rows: Sequence[Mapping[str, Any]], as_json: bool) -> None:
+    """Print rows with equal columns as a table, or as a JSON list."""
+    if as_json:
+        answer(list(rows))
+        return
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(title=title, title_justify="left")
+    for name in rows[0] if rows else ("nothing",):
+        table.add_column(str(name).replace("_", " "))
+    for row in rows:
+        table.add_row(*(Text(_text(value)) for value in row.values()))
+    console = Console(highlight=False)
+    if (
+        not console.is_terminal
+    ):  # a pipe has no width; cutting columns would lose what was asked for
+        console.width = 200
+    console.print(table)
+
+
+def _text(value: Any) -> str:
+    if value is None:
+        return ""
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,17 @@
+"""Objects for the graph: ids from selectors, without loading a mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from dmfc.sweep.graph import ObjectRef
+
+
+def list_refs(selectors: Sequence[str]) -> list[ObjectRef]:
+    """The objects that `selectors` name, in their order. Raises DmfcError if one names none."""
+    from dmfc.objects.sources import list_objects
+
+    return [
+        ObjectRef(source.id, getattr(source, "digest", "") or "")
+        for source in list_objects(list(selectors))
+    ]
