@@ -1,0 +1,37 @@
+"""Chamfer: squared distance to the closest matching label, in the space of grasp vectors."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+
+def grasp_vector(
+    position: Tensor, rotation6d: Tensor, joints: Tensor, joint_weight: float = 1.0
+) -> Tensor:
+    """The 27 numbers of a grasp: position 3, (a, b) 6, sqrt(joint_weight) * joints 18.
+
+    [..., 3], [..., 6], [..., J] -> [..., 9 + J]. Palm positions in the world serve as well as
+    offsets from a seed point: their differences are the same.
+    """
+    return torch.cat([position, rotation6d, joint_weight**0.5 * joints], dim=-1)
+
+
+def chamfer(prediction: Tensor, labels: Tensor, match: Tensor) -> Tensor:
+    """chamfer_i = min_{g in G_i} |p_i - g|^2, and 0 where G_i is empty: [..., n].
+
+    prediction: [..., n, C]; labels: [..., G, C]; match: [..., n, G] bool, label g is in G_i.
+    """
+    if labels.shape[-2] == 0:
+        return prediction.new_zeros(prediction.shape[:-1])
+    # Only the choice comes from the distances of all pairs: they lose digits to cancellation.
+    with torch.no_grad():
+        apart = torch.cdist(prediction, labels).masked_fill(~match, torch.inf)
+        closest = apart.argmin(dim=-1, keepdim=True)
+    label = labels.gather(-2, closest.expand(*closest.shape[:-1], labels.shape[-1]))
+    return grasp_distance(prediction, label) * match.any(dim=-1)
+
+
+def grasp_distance(prediction: Tensor, label: Tensor) -> Tensor:
+    """|p - g|^2 of grasp vectors [..., C] and their labels [..., C], [...]."""
+    return (prediction - label).square().sum(dim=-1)

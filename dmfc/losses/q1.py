@@ -1,0 +1,119 @@
+"""Upper bound of the Q1 metric, generalised to hand points that are not in contact yet.
+
+Q = min_j max_i s_j^T M w_i over directions s_j of the 6-D sphere and all wrenches w_i that contact
+i can apply with unit normal force (Ferrari and Canny 1992; the bound over finitely many directions:
+Schulman et al. 2017; the weight of distant points: Liu et al. 2020).
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Literal
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from dmfc.config.losses import Q1Config
+from dmfc.losses.atlas import SceneObjects
+
+LEVELS = {64: 2, 728: 3, 4032: 4}
+"""Number of directions r^6 - (r - 2)^6 -> r, lattice points along an edge of the 6-D cube."""
+CHUNK = 4_000_000
+"""Supports computed at a time."""
+
+Support = Literal["exact", "published"]
+
+
+def q1_upper(points: Tensor, objects: SceneObjects, config: Q1Config) -> Tensor:
+    """Upper bound of Q1 of each grasp, [n]; the loss is exp(-Q).
+
+    points: [n, V, 3] the inner points in the world. A grasp is judged on one object, the one that
+    its points are closest to (the largest sum of weights); torques are about its centre of mass.
+    """
+    with torch.no_grad():
+        weights = torch.exp(-config.alpha * objects.distance(points).abs())
+        target = weights.sum(-1).argmax(-1)
+    grasped = objects.only(target)
+    distance, normals = grasped.surface(points)
+    return q1_of_contacts(points - grasped.centres, normals[:, 0], distance[:, 0], config)
+
+
+def q1_of_contacts(arms: Tensor, normals: Tensor, distance: Tensor, config: Q1Config) -> Tensor:
+    """Upper bound of Q1 from contacts, [n].
+
+    arms: [n, V, 3] contact points relative to the point that torques are about, metres; normals:
+    [n, V, 3] outward unit normals of the object; distance: [n, V] signed distance, metres.
+    Of each minimum over directions and maximum over contacts only the element that attains it has a
+    gradient, so only that one is computed with a graph.
+    """
+    directions = lattice_directions(config.directions).to(arms)
+    force, torque = directions[:, :3], config.torque_weight * directions[:, 3:]
+    weight = torch.exp(-config.alpha * distance.abs())
+    with torch.no_grad():
+        rows = max(CHUNK // (arms.shape[1] * len(directions)), 1)
+        pieces = zip(arms.split(rows), normals.split(rows), weight.split(rows), strict=True)
+        chosen = [_critical(*piece, force, torque, config) for piece in pieces]
+        contact = torch.cat([piece[0] for piece in chosen])
+        direction = torch.cat([piece[1] for piece in chosen])
+    row = torch.arange(len(arms), device=arms.device)
+    along = force[direction] + torch.linalg.cross(torque[direction], arms[row, contact], dim=-1)
+    perpendicular = -(normals[row, contact] * along).sum(-1)
+    squared = along.square().sum(-1)
+    return weight[row, contact] * cone_support(perpendicular, squared, config)
+
+
+def cone_support(perpendicular: Tensor, squared: Tensor, config: Q1Config) -> Tensor:
+    """Largest u.f over the forces f of a friction cone with unit normal force, any shape.
+
+    perpendicular: component of u along the pressing direction; squared: |u|^2. Exact:
+    max(0, perp + mu * par), par the length of the tangential part. Published (the code of Liu et
+    al.): perp + par^2 / perp where u is inside the cone, which is up to 10 % less.
+    """
+    tangential = (squared - perpendicular.square()).clamp(min=1e-12)
+    parallel = tangential.sqrt()
+    value = perpendicular + config.friction * parallel
+    if config.support == "published":
+        inside = (perpendicular > 0) & (parallel < config.friction * perpendicular)
+        bounded = torch.where(inside, perpendicular, torch.ones_like(perpendicular))
+        value = torch.where(inside, perpendicular + tangential / bounded, value)
+    return value.clamp(min=0) if config.floor else value
+
+
+@lru_cache(maxsize=len(LEVELS))
+def lattice_directions(count: int) -> Tensor:
+    """Unit vectors [count, 6] float64 through the lattice points on the faces of the 6-D cube.
+
+    count: 64, 728 or 4032, for 2, 3 or 4 points along an edge.
+    """
+    edge = np.linspace(-1.0, 1.0, LEVELS[count])
+    lattice = np.stack(np.meshgrid(*[edge] * 6, indexing="ij"), axis=-1).reshape(-1, 6)
+    surface = lattice[np.abs(lattice).max(axis=1) == 1.0]
+    return torch.from_numpy(surface / np.linalg.norm(surface, axis=1, keepdims=True))
+
+
+def _critical(
+    arms: Tensor, normals: Tensor, weight: Tensor, force: Tensor, torque: Tensor, config: Q1Config
+) -> tuple[Tensor, Tensor]:
+    """Contact and direction [n] that attain min_j max_i.
+
+    With u = a + b x r: u.n = (n, r x n).(a, b), and |u|^2 = |a|^2 + 2 r.(a x b) + |b|^2 |r|^2 -
+    (b.r)^2, so that both are matrix products of features of contacts and of directions.
+    """
+    wrench = torch.cat([normals, torch.linalg.cross(arms, normals, dim=-1)], dim=-1)
+    perpendicular = -wrench @ torch.cat([force, torque], dim=-1).T
+    ones = torch.ones_like(arms[..., :1])
+    of_contacts = torch.cat([ones, 2 * arms, arms.square().sum(-1, keepdim=True)], dim=-1)
+    of_directions = torch.cat(
+        [
+            force.square().sum(-1, keepdim=True),
+            torch.linalg.cross(force, torque, dim=-1),
+            torque.square().sum(-1, keepdim=True),
+        ],
+        dim=-1,
+    )
+    squared = of_contacts @ of_directions.T - (arms @ torque.T).square()
+    support = weight[..., None] * cone_support(perpendicular, squared, config)
+    best, contact = support.max(dim=1)
+    direction = best.argmin(dim=1)
+    return contact.gather(1, direction[:, None])[:, 0], direction

@@ -1,0 +1,79 @@
+"""The terms of the task loss that need the hand and the scene, and their weighted sum."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+
+import torch
+from torch import Tensor
+
+from dmfc.config.losses import LossConfig, LossWeights
+from dmfc.errors import unknown_name
+from dmfc.geometry.transforms import transform
+from dmfc.hand.kinematics import HandKinematics
+from dmfc.hand.model import HandModel
+from dmfc.losses.atlas import SceneObjects
+from dmfc.losses.clamp import clamp_joints
+from dmfc.losses.collision import SelfCollision, collision
+from dmfc.losses.guidance import guidance
+from dmfc.losses.q1 import q1_upper
+
+TERMS = ("chamfer", "collision", "guidance", "q1_upper")
+"""The terms of the task loss, w1 to w4."""
+
+
+def active_terms(weights: LossWeights) -> list[str]:
+    """The terms whose weight is not 0."""
+    return [name for name in TERMS if getattr(weights, name) != 0]
+
+
+def weighted_sum(terms: Mapping[str, Tensor], weights: LossWeights) -> Tensor:
+    """task_i = sum over the given terms of weight * term_i, [n].
+
+    Raises DmfcError for a term that has no weight, ValueError without a term.
+    """
+    if not terms:
+        raise ValueError("a task loss needs a term")
+    for name in terms:
+        if name not in TERMS:
+            raise unknown_name("loss", name, TERMS)
+    return torch.stack([getattr(weights, name) * value for name, value in terms.items()]).sum(0)
+
+
+class SceneTerms:
+    """Collision, guidance and Q1 of grasps of one hand."""
+
+    def __init__(self, hand: HandModel, config: LossConfig) -> None:
+        self.config = config
+        self.kinematics = HandKinematics(hand)
+        self.self_collision = SelfCollision(hand) if config.self_collision else None
+        self.lower, self.upper = torch.from_numpy(hand.lower), torch.from_numpy(hand.upper)
+
+    def __call__(
+        self,
+        position: Tensor,
+        rotation: Tensor,
+        joints: Tensor,
+        objects: SceneObjects,
+        names: Collection[str],
+    ) -> dict[str, Tensor]:
+        """Those of the terms `names` that this computes, [n] each, not weighted.
+
+        position [n, 3] and rotation [n, 3, 3] of the palm in the world; joints [n, J] rad, as
+        predicted: they are clamped here; objects: those around each grasp. q1_upper is exp(-Q).
+        """
+        held = clamp_joints(joints, self.lower.to(joints), self.upper.to(joints), self.config.clamp)
+        T_world_link = self.kinematics.links(transform(rotation, position), held)
+        terms: dict[str, Tensor] = {}
+        per_area = self.config.length_unit**-2
+        if "collision" in names:
+            points = self.kinematics.collision_points_of_links(T_world_link)
+            value = collision(points, objects, T_world_link, self.self_collision)
+            terms["collision"] = per_area * value
+        if "guidance" in names or "q1_upper" in names:
+            inner, _ = self.kinematics.inner_points_of_links(T_world_link)
+            if "guidance" in names:
+                terms["guidance"] = per_area * guidance(inner, objects)
+            if "q1_upper" in names:
+                terms["q1_upper"] = torch.exp(-q1_upper(inner, objects, self.config.q1))
+        return terms
