@@ -1,0 +1,44 @@
+"""Mass, centre of mass and inertia, for a uniform density."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dmfc.geometry.grid import Grid
+from dmfc.objects.mesh import CleanMesh
+
+
+def mass_properties(
+    mesh: CleanMesh, sdf: Grid, known_mass: float | None, density: float, max_mass: float
+) -> tuple[float, np.ndarray, np.ndarray]:
+    """(mass kg, centre of mass [3], inertia about it [3, 3] in object axes).
+
+    A closed mesh is integrated exactly; an open one through the voxels inside it. Without a known
+    mass it is density times volume, at most `max_mass`.
+    """
+    if mesh.closed:
+        exact = mesh.trimesh
+        volume, com, unit_inertia = exact.volume, exact.center_mass, exact.moment_inertia
+    else:
+        volume, com, unit_inertia = _voxel_properties(sdf)
+    mass = known_mass if known_mass is not None else min(density * volume, max_mass)
+    return float(mass), np.asarray(com, dtype=np.float64), _valid(unit_inertia * mass / volume)
+
+
+def _voxel_properties(sdf: Grid) -> tuple[float, np.ndarray, np.ndarray]:
+    """(volume, centre, inertia for density 1) of the nodes with positive distance."""
+    points = sdf.origin + sdf.spacing * np.argwhere(sdf.values > 0)
+    com = points.mean(axis=0)
+    offsets = points - com
+    second = offsets.T @ offsets + np.eye(3) * len(points) * sdf.spacing**2 / 12
+    cell = sdf.spacing**3
+    return len(points) * cell, com, (np.trace(second) * np.eye(3) - second) * cell
+
+
+def _valid(inertia: np.ndarray) -> np.ndarray:
+    """Symmetric, with principal moments that a body can have (positive, triangle inequality)."""
+    moments, axes = np.linalg.eigh((inertia + inertia.T) / 2)
+    moments = np.maximum(moments, 1e-3 * moments[2])
+    # The second moments of mass along the axes must not be negative.
+    second = np.maximum(moments.sum() / 2 - moments, 1e-4 * moments[2])
+    return (axes * (second.sum() - second)) @ axes.T

@@ -1,0 +1,155 @@
+"""Mesh files: read, mend, and refuse what cannot be an object."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import manifold3d
+import numpy as np
+import trimesh
+
+from dmfc.errors import DmfcError
+
+MESH_SUFFIXES = (".stl", ".obj", ".ply", ".off", ".glb")
+MIN_EXTENT = 0.005
+MAX_EXTENT = 1.0
+"""Metres; an object whose longest side is outside is taken for a file in another unit."""
+
+
+@dataclass(frozen=True)
+class CleanMesh:
+    """A mesh that has been mended, wound so that normals point outwards."""
+
+    vertices: np.ndarray
+    """[V, 3] float64, metres."""
+    faces: np.ndarray
+    """[F, 3] int32."""
+    closed: bool
+    """Every edge is crossed as often in one direction as in the other: the mesh bounds a volume.
+    Edges where more than two faces meet are allowed."""
+    watertight: bool
+    """Closed, and two faces at each edge."""
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def trimesh(self) -> trimesh.Trimesh:
+        return trimesh.Trimesh(self.vertices, self.faces, process=False)
+
+    @property
+    def sha256(self) -> str:
+        digest = hashlib.sha256(np.ascontiguousarray(self.vertices, dtype="<f8").tobytes())
+        digest.update(np.ascontiguousarray(self.faces, dtype="<i4").tobytes())
+        return digest.hexdigest()
+
+
+def load_mesh(paths: list[Path], scale: float = 1.0) -> trimesh.Trimesh:
+    """Read one mesh from one or more files (joined), times `scale`; DmfcError if it cannot be."""
+    parts = []
+    for path in paths:
+        if not path.is_file():
+            raise DmfcError(f"mesh file {path} does not exist")
+        try:
+            part = trimesh.load(path, force="mesh", process=False)
+        except Exception as error:  # the readers of the formats raise whatever they like
+            raise DmfcError(f"mesh file {path} cannot be read: {_line(error)}") from error
+        if not isinstance(part, trimesh.Trimesh) or len(part.faces) == 0:
+            raise DmfcError(f"mesh file {path} holds no faces")
+        parts.append(trimesh.Trimesh(part.vertices * scale, part.faces, process=False))
+    return parts[0] if len(parts) == 1 else trimesh.util.concatenate(parts)
+
+
+def clean(mesh: trimesh.Trimesh, name: str) -> CleanMesh:
+    """Merge vertices, drop degenerate faces, fill holes, unite overlapping bodies, fix winding.
+
+    Raises DmfcError, with `name`, for a mesh that is empty, not finite, without volume, or of an
+    impossible size.
+    """
+    notes: list[str] = []
+    if len(mesh.faces) == 0 or not np.isfinite(mesh.vertices[mesh.faces]).all():
+        raise DmfcError(f"object '{name}': its mesh is empty or has vertices that are not finite")
+    longest = float(np.ptp(mesh.vertices[mesh.faces].reshape(-1, 3), axis=0).max())
+    if not MIN_EXTENT <= longest <= MAX_EXTENT:
+        raise DmfcError(
+            f"object '{name}': its longest side is {longest:.4g} m; is the file in another unit? "
+            "(objects are 5 mm to 1 m; a folder takes ?unit=mm)"
+        )
+    mesh = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+    mesh.merge_vertices(merge_norm=True, merge_tex=True)
+    mesh.update_faces(mesh.nondegenerate_faces(height=1e-9) & mesh.unique_faces())
+    mesh.remove_unreferenced_vertices()
+    if len(mesh.faces) < 4:
+        raise DmfcError(f"object '{name}': its mesh has no volume (fewer than four proper faces)")
+    if not mesh.is_winding_consistent and not _closed(mesh.faces):
+        trimesh.repair.fix_winding(mesh)
+        notes.append("winding mended")
+    if not _closed(mesh.faces):
+        trimesh.repair.fill_holes(mesh)
+        notes.append("holes filled" if _closed(mesh.faces) else "mesh is open")
+    closed = _closed(mesh.faces)
+    if closed:
+        mesh = _united(mesh, notes)
+    if mesh.volume < 0:
+        mesh.invert()
+        notes.append("turned inside out")
+    _require_volume(mesh, name)
+    return CleanMesh(
+        vertices=np.asarray(mesh.vertices, dtype=np.float64),
+        faces=np.asarray(mesh.faces, dtype=np.int32),
+        closed=closed,
+        watertight=bool(mesh.is_watertight),
+        notes=notes,
+    )
+
+
+def to_manifold(mesh: trimesh.Trimesh) -> manifold3d.Manifold | None:
+    """The solid that a closed mesh bounds, or None if it is not one."""
+    solid = manifold3d.Manifold(
+        manifold3d.Mesh(
+            np.asarray(mesh.vertices, dtype=np.float32), np.asarray(mesh.faces, dtype=np.uint32)
+        )
+    )
+    return solid if solid.status() == manifold3d.Error.NoError and solid.volume() > 0 else None
+
+
+def from_manifold(solid: manifold3d.Manifold) -> tuple[np.ndarray, np.ndarray]:
+    """(vertices [V, 3] float64, faces [F, 3] int32) of a solid."""
+    mesh = solid.to_mesh()
+    vertices = np.asarray(mesh.vert_properties, dtype=np.float64)[:, :3]
+    return vertices, np.asarray(mesh.tri_verts, dtype=np.int32)
+
+
+def _united(mesh: trimesh.Trimesh, notes: list[str]) -> trimesh.Trimesh:
+    """Bodies that are separate closed shells, united so that overlaps count once."""
+    bodies = [body for body in mesh.split(only_watertight=False) if _closed(body.faces)]
+    if len(bodies) < 2 or sum(len(body.faces) for body in bodies) != len(mesh.faces):
+        return mesh
+    if any(body.volume <= 0 for body in bodies):
+        return mesh
+    solids = [to_manifold(body) for body in bodies]
+    proper = [solid for solid in solids if solid is not None]
+    if len(proper) < len(solids):
+        return mesh
+    notes.append(f"{len(bodies)} bodies united")
+    union = manifold3d.Manifold.batch_boolean(proper, manifold3d.OpType.Add)
+    return trimesh.Trimesh(*from_manifold(union), process=False)
+
+
+def _require_volume(mesh: trimesh.Trimesh, name: str) -> None:
+    extents = np.ptp(mesh.vertices, axis=0)
+    if extents.min() < 1e-5 or not mesh.volume > 1e-4 * np.prod(extents) or mesh.volume < 1e-9:
+        raise DmfcError(f"object '{name}': its mesh has no volume ({mesh.volume:.3g} m^3)")
+
+
+def _closed(faces: np.ndarray) -> bool:
+    """Whether each directed edge is matched by one in the other direction."""
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
+    low, high = edges.min(axis=1), edges.max(axis=1)
+    _, index = np.unique(low * (int(faces.max()) + 1) + high, return_inverse=True)
+    direction = np.where(edges[:, 0] < edges[:, 1], 1, -1)
+    return not np.bincount(index, weights=direction).any()
+
+
+def _line(error: Exception) -> str:
+    return (" ".join(str(error).split()) or type(error).__name__)[:200]

@@ -1,0 +1,266 @@
+"""Where objects come from, and the selectors that name them.
+
+A selector is one of
+
+    ycb                     all objects of a source
+    random:485              the first 485, in the source's fixed order
+    ycb:mug, ycb/mug        one object
+    ycb:test                a named subset: the 16 test objects of the paper
+    procedural:20?from=100  twenty generated objects, beginning with number 100
+    folder:/path?unit=mm    the user's own mesh file or folder of mesh files (m, cm, mm, inch)
+
+Listing reads no mesh, but downloads the pack of a source that needs one.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import re
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import yaml
+
+from dmfc.assets import get_pack, pull
+from dmfc.errors import DmfcError, unknown_name
+
+if TYPE_CHECKING:
+    import trimesh
+
+YCB_TEST = (
+    "master_chef_can",
+    "mustard_bottle",
+    "potted_meat_can",
+    "banana",
+    "bleach_cleanser",
+    "mug",
+    "skillet_lid",
+    "wood_block",
+    "mini_soccer_ball",
+    "softball",
+    "baseball",
+    "tennis_ball",
+    "c_cups",
+    "e_cups",
+    "f_cups",
+    "i_cups",
+)
+"""The test objects of the paper, in its order."""
+
+RANDOM_SCALE = 0.015
+"""Of the `random` pack's files, as its URDFs give it."""
+UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254}
+_NOT_HOUSEHOLD = ("hand", "headphones")
+"""Folders of the household pack that hold no object to grasp, or more than a hand can hold."""
+
+
+@dataclass(frozen=True)
+class ObjectSource:
+    """One object that can be prepared."""
+
+    id: str
+    """"<source>/<name>", e.g. "ycb/mug"."""
+    licence: str
+    mass: float | None
+    """kg where it is known, else None: the setting objects.prepare.density gives it."""
+    digest: str
+    """Changes if what `load` returns may change."""
+    selector: str
+    """Selects this object alone, on this machine."""
+    loader: Callable[[], trimesh.Trimesh]
+
+    @property
+    def source(self) -> str:
+        return self.id.split("/", 1)[0]
+
+    def load(self) -> trimesh.Trimesh:
+        """The mesh as the source has it, in metres. Raises DmfcError if it cannot be read."""
+        return self.loader()
+
+
+def list_objects(selectors: Iterable[str]) -> list[ObjectSource]:
+    """The objects that the selectors name, in their order, each once.
+
+    Raises DmfcError for an unknown source or name, for a selector that names nothing, and if
+    nothing is named at all.
+    """
+    found: dict[str, ObjectSource] = {}
+    for selector in selectors:
+        for source in _select(selector):
+            known = found.setdefault(source.id, source)
+            if known.digest != source.digest:
+                raise DmfcError(
+                    f"two different objects have the id '{source.id}' "
+                    f"({known.selector} and {source.selector}); rename one of the files"
+                )
+    if not found:
+        raise DmfcError("the list of objects is empty (settings objects.train, objects.test)")
+    return list(found.values())
+
+
+def find_object(selector: str) -> ObjectSource:
+    """The one object of a selector or id; DmfcError if it names none or several."""
+    found = list_objects([selector])
+    if len(found) > 1:
+        raise DmfcError(f"'{selector}' names {len(found)} objects where one is wanted")
+    return found[0]
+
+
+def _select(selector: str) -> list[ObjectSource]:
+    head, colon, rest = selector.partition(":")
+    if not colon and "/" in selector:
+        head, _, rest = selector.partition("/")
+        by_name = True
+    else:
+        by_name = not re.fullmatch(r"\d+", rest.partition("?")[0])
+    if head == "folder":
+        return _from_folder(rest, selector)
+    if head == "procedural":
+        return _procedural(rest, selector, by_name)
+    makers = {"ycb": _ycb, "household": _household, "random": _random}
+    if head not in makers:
+        raise unknown_name("object source", head, [*makers, "procedural", "folder"])
+    everything = makers[head]()
+    if not rest:
+        return everything
+    if not by_name:
+        return everything[: _count(rest, selector, len(everything))]
+    if head == "ycb" and rest == "test":
+        named = {source.id: source for source in everything}
+        return [named[f"ycb/{name}"] for name in YCB_TEST]
+    for source in everything:
+        if source.id == f"{head}/{rest}":
+            return [source]
+    names = [source.id.split("/", 1)[1] for source in everything]
+    raise unknown_name(f"object of source '{head}'", rest, names)
+
+
+def _count(text: str, selector: str, limit: int) -> int:
+    count = int(text)
+    if count == 0:
+        raise DmfcError(f"object selector '{selector}' selects no object")
+    if count > limit:
+        raise DmfcError(f"object selector '{selector}': the source has only {limit} objects")
+    return count
+
+
+def _ycb() -> list[ObjectSource]:
+    folder = pull("ycb")
+    masses = _data("ycb_masses.yaml")
+    files = sorted(folder.glob("*.stl"))
+    # Files are named "025_mug.stl" and "065-c_cups.stl".
+    named = {re.sub(r"^\d+[-_]", "", path.stem): path for path in files}
+    return [_from_pack("ycb", name, [path], masses.get(name)) for name, path in named.items()]
+
+
+def _household() -> list[ObjectSource]:
+    sources = []
+    for folder in sorted(path for path in pull("household").iterdir() if path.is_dir()):
+        files = sorted(p for p in folder.glob("*.stl") if not p.name.startswith("contact"))
+        if files and folder.name not in _NOT_HOUSEHOLD:
+            sources.append(_from_pack("household", folder.name, files))
+    return sources
+
+
+def _random() -> list[ObjectSource]:
+    folder = pull("random")
+    unusable = set(_data("random_unusable.yaml") or [])
+    names = sorted(path.stem for path in folder.glob("*/*.obj"))
+    return [
+        _from_pack("random", name, [folder / name / f"{name}.obj"], None, RANDOM_SCALE)
+        for name in names
+        if name not in unusable
+    ]
+
+
+def _from_pack(
+    pack_name: str, name: str, paths: list[Path], mass: float | None = None, scale: float = 1.0
+) -> ObjectSource:
+    from dmfc.objects.mesh import load_mesh
+
+    pack = get_pack(pack_name)
+    content = f"{pack.sha256} {pack.subfolder} {name} {scale} {mass}"
+    return ObjectSource(
+        id=f"{pack_name}/{name}",
+        licence=pack.licence,
+        mass=mass,
+        digest=hashlib.sha256(content.encode()).hexdigest(),
+        selector=f"{pack_name}/{name}",
+        loader=functools.partial(load_mesh, paths, scale),
+    )
+
+
+def _procedural(rest: str, selector: str, by_name: bool) -> list[ObjectSource]:
+    from dmfc.objects import procedural
+
+    text, _, option = rest.partition("?")
+    if by_name:
+        if not text:
+            raise DmfcError("object selector 'procedural' needs a number, as in 'procedural:20'")
+        numbers = [procedural.number_of(text)]
+    else:
+        match = re.fullmatch(r"(?:from=(\d+))?", option)
+        if match is None:
+            raise DmfcError(f"object selector '{selector}': expected '?from=NUMBER' at the end")
+        first = int(match.group(1) or 0)
+        numbers = list(range(first, first + _count(text, selector, 100_000)))
+    sources = []
+    for number in numbers:
+        name = procedural.name_of(number)
+        content = f"procedural {procedural.VERSION} {name}"
+        sources.append(
+            ObjectSource(
+                id=f"procedural/{name}",
+                licence="Apache-2.0",
+                mass=None,
+                digest=hashlib.sha256(content.encode()).hexdigest(),
+                selector=f"procedural/{name}",
+                loader=functools.partial(procedural.generate, number),
+            )
+        )
+    return sources
+
+
+def _from_folder(rest: str, selector: str) -> list[ObjectSource]:
+    from dmfc.objects.mesh import MESH_SUFFIXES, load_mesh
+
+    text, question, option = rest.partition("?")
+    key, _, unit = option.partition("=")
+    if question and (key != "unit" or unit not in UNITS):
+        raise DmfcError(f"object selector '{selector}': expected ?unit= one of {', '.join(UNITS)}")
+    scale = UNITS[unit] if question else 1.0
+    path = Path(text).expanduser().absolute()
+    if not path.exists():
+        raise DmfcError(f"object selector '{selector}': {path} does not exist")
+    folder = path.parent if path.is_file() else path
+    candidates = [path] if path.is_file() else sorted(path.rglob("*"))
+    files = [p for p in candidates if p.is_file() and p.suffix.lower() in MESH_SUFFIXES]
+    if not files:
+        kinds = " ".join(MESH_SUFFIXES)
+        raise DmfcError(f"object selector '{selector}': no mesh file there (of {kinds})")
+    sources = []
+    for file in files:
+        relative = file.relative_to(folder).with_suffix("").as_posix()
+        name = re.sub(r"[^A-Za-z0-9_.-]+", "-", relative)
+        content = hashlib.sha256(file.read_bytes()).hexdigest() + f" {file.suffix} {scale}"
+        sources.append(
+            ObjectSource(
+                id=f"folder/{name}",
+                licence="user's own",
+                mass=None,
+                digest=hashlib.sha256(content.encode()).hexdigest(),
+                selector=f"folder:{file}" + (f"?unit={unit}" if question else ""),
+                loader=functools.partial(load_mesh, [file], scale),
+            )
+        )
+    return sources
+
+
+@functools.cache
+def _data(name: str):  # type: ignore[no-untyped-def]
+    """A YAML file of `dmfc/objects/data`."""
+    return yaml.safe_load((resources.files("dmfc.objects") / "data" / name).read_text("utf-8"))
