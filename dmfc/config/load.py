@@ -17,6 +17,9 @@ from dmfc.config.plain_yaml import parse_yaml, read_yaml
 from dmfc.config.schema import Config
 from dmfc.errors import DmfcError, unknown_name
 
+LIKE = 0.7
+"""Least likeness (0 to 1) of a key that is offered instead of an unknown one."""
+
 Overlay = tuple[str, Mapping[str, Any]]
 """Where a set of values came from (for errors), and the values, nested or with dotted keys."""
 
@@ -113,14 +116,14 @@ def all_keys() -> dict[str, type | None]:
 
 def nearest_key(key: str, choices: Iterable[str]) -> str | None:
     """The choice most like `key`, by the whole of it or by its last part; None if none is."""
-    choices = list(choices)
-    near = difflib.get_close_matches(key, choices, n=1, cutoff=0.75)
-    if near:
-        return near[0]
-    last = key.rpartition(".")[2]
-    by_last = {choice.rpartition(".")[2]: choice for choice in reversed(choices)}
-    near = difflib.get_close_matches(last, by_last, n=1, cutoff=0.6)
-    return by_last[near[0]] if near else None
+
+    def likeness(choice: str) -> float:
+        whole = difflib.SequenceMatcher(None, key, choice).ratio()
+        parts = key.rpartition(".")[2], choice.rpartition(".")[2]
+        return max(whole, difflib.SequenceMatcher(None, *parts).ratio())
+
+    best = max(choices, key=likeness, default=None)
+    return best if best is not None and likeness(best) >= LIKE else None
 
 
 def _tree(values: Mapping[str, Any], where: str) -> dict[str, Any]:

@@ -1,0 +1,128 @@
+"""What depends on which settings: cells that differ in fine-tuning alone share all the rest."""
+
+from collections import Counter
+
+import pytest
+from fake_science import fake_refs
+
+from dmfc.config.load import load_config
+from dmfc.errors import DmfcError
+from dmfc.sweep.graph import GraphBuilder, without
+from dmfc.sweep.plan import plan_sweep
+from dmfc.sweep.stage import closure
+from dmfc.sweep.sweep_file import load_sweep
+
+
+@pytest.fixture
+def builder():
+    return GraphBuilder(fake_refs)
+
+
+def by_kind(stages):
+    kinds: dict[str, set] = {}
+    for stage in closure(stages):
+        kinds.setdefault(stage.kind, set()).add(stage.key)
+    return kinds
+
+
+def changed(builder, *overrides):
+    """Kinds of stages whose keys change with a setting."""
+    before, after = (
+        by_kind(builder.cell(load_config("smoke", given), "finetuned", "c").evaluations)
+        for given in ([], list(overrides))
+    )
+    return {kind for kind in before if before[kind] != after[kind]}
+
+
+def test_table_one_shares_data_and_pretraining(builder):
+    plan = plan_sweep(load_sweep("table1"), builder, "smoke")
+    counts = Counter(stage.kind for stage in closure(plan.targets))
+    shards = len(plan.cells[0].stages.evaluations)
+    train_shards = counts["scenes"] - shards
+    assert counts["pretrain"] == 1
+    assert counts["finetune"] == 4
+    assert counts["hand"] == 1
+    assert counts["evaluate"] == 7 * shards
+    assert counts["object"] == counts["grasps"] == 4
+    assert train_shards == 2
+
+
+@pytest.mark.parametrize(
+    ("override", "kinds"),
+    [
+        ("losses.weights.collision=7", {"finetune", "evaluate"}),
+        ("losses.q1.directions=728", {"finetune", "evaluate"}),
+        ("training.finetune.epochs=9", {"finetune", "evaluate"}),
+        ("training.pretrain.epochs=9", {"pretrain", "finetune", "evaluate"}),
+        ("losses.weights.confidence=7", {"pretrain", "finetune", "evaluate"}),
+        ("network.width=16", {"pretrain", "finetune", "evaluate"}),
+        ("matching.distance=0.01", {"pretrain", "finetune", "evaluate"}),
+        ("scenes.augmentation.noise=0.01", {"pretrain", "finetune", "evaluate"}),
+        ("execution.min_confidence=0.5", {"evaluate"}),
+        ("scenes.train.seed=5", {"scenes", "pretrain", "finetune", "evaluate"}),
+        ("scenes.test.seed=5", {"scenes", "evaluate"}),
+        ("grasps.per_object=7", {"grasps", "scenes", "pretrain", "finetune", "evaluate"}),
+        (
+            "objects.prepare.sdf_spacing=0.006",
+            {"object", "grasps", "scenes", "pretrain", "finetune", "evaluate"},
+        ),
+        ("training.threads=4", set()),
+        ("training.loader_workers=2", set()),
+        ("run.cpus=1", set()),
+        ("run.gpus_per_training=0.5", set()),
+    ],
+)
+def test_a_setting_reruns_exactly_what_depends_on_it(builder, override, kinds):
+    assert changed(builder, override) == kinds
+
+
+def test_more_test_scenes_keep_the_shards_there_are(builder):
+    few = builder.scenes(load_config("smoke", ["scenes.test.count=4"]), "test")
+    more = builder.scenes(load_config("smoke", ["scenes.test.count=8"]), "test")
+    assert [stage.key for stage in few] == [stage.key for stage in more[: len(few)]]
+
+
+def test_one_model_under_two_names_is_one_stage(builder):
+    config = load_config("smoke")
+    one, two = (builder.cell(config, "finetuned", name) for name in ("one", "two"))
+    assert [s.key for s in one.evaluations] == [s.key for s in two.evaluations]
+
+
+def test_a_seed_is_a_model_of_its_own_on_the_same_data(builder):
+    one, two = (
+        by_kind(
+            builder.cell(
+                load_config("smoke", [f"training.seed={seed}"]), "pretrained", "c"
+            ).evaluations
+        )
+        for seed in (0, 1)
+    )
+    assert {kind for kind in one if one[kind] != two[kind]} == {"pretrain", "evaluate"}
+
+
+def test_test_objects_are_never_trained_on(builder):
+    config = load_config("smoke", ["objects.train=[a, b]", "objects.test=[b]"])
+    with pytest.raises(DmfcError, match=r"'b/0' is in objects\.train and in objects\.test"):
+        builder.cell(config, "pretrained", "c")
+
+
+def test_an_empty_object_list_is_an_error(builder):
+    for split in ("train", "test"):
+        config = load_config("smoke", [f"objects.{split}=[]"])
+        with pytest.raises(DmfcError, match=rf"objects\.{split} selects no object"):
+            builder.cell(config, "pretrained", "c")
+
+
+def test_no_scenes_is_an_error(builder):
+    config = load_config("smoke", ["scenes.test.count=0"])
+    with pytest.raises(DmfcError, match=r"scenes\.test\.count"):
+        builder.cell(config, "pretrained", "c")
+
+
+def test_without_puts_defaults_back():
+    config = load_config(None, ["training.finetune.epochs=3", "training.batch_size=9"])
+    masked = without(config.training, "finetune")
+    assert masked.finetune.epochs == 20
+    assert masked.batch_size == 9
+    with pytest.raises(ValueError, match="lacks"):
+        without(config.training, "no_such_field")

@@ -1,0 +1,112 @@
+"""Sweep files: what is shipped, and every way of getting one wrong."""
+
+import pytest
+
+from dmfc.config.load import shipped_names
+from dmfc.errors import DmfcError
+from dmfc.sweep.sweep_file import cell_config, load_sweep
+
+CELL = "cells:\n  a: {model: pretrained}\n"
+
+
+def error(tmp_path, text) -> str:
+    path = tmp_path / "my.yaml"
+    path.write_text(text)
+    with pytest.raises(DmfcError) as caught:
+        sweep = load_sweep(str(path))
+        for cell in sweep.cells:
+            cell_config(sweep, cell, 0, "smoke", [])
+    assert "\n" not in str(caught.value)
+    assert "my.yaml" in str(caught.value)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "part"),
+    [
+        ("cells:\n  a: {}\n  a: {}\n", "'a' is given twice, on lines 2 and 3"),
+        ("cells:\n- {name: a}\n- {name: a}\n", "two cells are named 'a'"),
+        ("cells:\n- {model: pretrained}\n", "cell 1 has no name"),
+        ("cells: {}\n", "no cells"),
+        ("name: x\n", "no cells"),
+        ("cell:\n  a: {}\n" + CELL, "unknown key 'cell'; did you mean 'cells'"),
+        ("cells:\n  a: {modle: random}\n", "unknown key 'modle'; did you mean 'model'"),
+        ("cells:\n  a: {model: fintuned}\n", "did you mean 'finetuned'"),
+        ("cells:\n  a: {set: {losses.weights.colision: 1}}\n", "losses.weights.collision"),
+        ("cells:\n  a: {set: {losses.weights.collision: lots}}\n", "losses.weights.collision"),
+        (
+            "base: {traning: {seed: 1}}\n" + CELL,
+            "unknown setting 'traning'; did you mean 'training'",
+        ),
+        ("cells:\n  a: {paper: {valid: 0.5}}\n", "[value, standard error]"),
+        ("cells:\n  a: {paper: {vaild: [1, 0]}}\n", "did you mean 'valid'"),
+        ("cells:\n  a b: {}\n", "'a b' is no name"),
+        ("seeds: [0, 0]\n" + CELL, "a seed is given twice"),
+        ("seeds: zero\n" + CELL, "whole numbers"),
+        ("cells:\n  planner: {model: random}\n", "must have model: planner"),
+        ("[1, 2", "not valid YAML"),
+        ("- a\n", "wants 'key: value' pairs"),
+    ],
+)
+def test_what_is_wrong_is_said_on_one_line(tmp_path, text, part):
+    assert part in error(tmp_path, text)
+
+
+def test_a_sweep_that_is_not_there():
+    with pytest.raises(DmfcError, match="did you mean 'table1'"):
+        load_sweep("tabel1")
+    with pytest.raises(DmfcError, match="does not exist"):
+        load_sweep("nowhere/table1.yaml")
+    assert load_sweep("sweeps/table1.yaml").cells == load_sweep("table1").cells
+
+
+def test_planner_and_random_rows_are_always_there():
+    for name in shipped_names("sweeps"):
+        models = [cell.model for cell in load_sweep(name).cells]
+        assert models.count("planner") == models.count("random") == 1
+
+
+def test_table_one_is_the_papers():
+    sweep = load_sweep("table1")
+    cells = {cell.name: cell for cell in sweep.cells}
+    assert list(cells) == [
+        "pretrained", "collision", "guidance", "q1_upper", "all", "planner", "random",
+    ]  # fmt: skip
+    assert cells["q1_upper"].paper == {
+        "valid": (0.75, 0.02),
+        "success": (0.73, 0.01),
+        "overall": (0.55, 0.02),
+    }
+    for name in ("collision", "guidance", "q1_upper"):
+        weights = cell_config(sweep, cells[name], 0, "paper", []).losses.weights
+        alone = {"chamfer": 0.0, "collision": 0.0, "guidance": 0.0, "q1_upper": 0.0, name: 1.0}
+        assert {term: getattr(weights, term) for term in alone} == alone
+        assert weights.confidence == 1.0
+    weights = cell_config(sweep, cells["all"], 0, "paper", []).losses.weights
+    assert weights.chamfer == weights.collision == weights.guidance == weights.q1_upper == 1.0
+
+
+def test_table_two_has_ten_thousand_scenes_of_several_objects():
+    sweep = load_sweep("table2")
+    config = cell_config(sweep, sweep.cells[0], 0, "paper", [])
+    assert config.scenes.train.count == 10_000
+    assert (config.scenes.train.kind, config.scenes.test.kind) == ("multi", "multi")
+    assert (config.scenes.train.min_objects, config.scenes.train.max_objects) == (3, 5)
+
+
+def test_what_overrides_what(tmp_path):
+    path = tmp_path / "my.yaml"
+    path.write_text(
+        "base: {training.batch_size: 7, scenes.test.count: 3}\n"
+        "presets: {smoke: {scenes.test.count: 5}}\n"
+        "cells:\n  a: {model: finetuned, set: {losses.clamp: soft}}\n"
+    )
+    sweep = load_sweep(str(path))
+    cell = sweep.cells[0]
+    config = cell_config(sweep, cell, 9, "smoke", ["losses.clamp=hard", "network.width=16"])
+    assert config.training.batch_size == 7
+    assert config.scenes.test.count == 5
+    assert config.losses.clamp == "soft"
+    assert config.network.width == 16
+    assert config.training.seed == config.execution.seed == 9
+    assert cell_config(sweep, cell, 0, None, []).scenes.test.count == 3
