@@ -20,7 +20,7 @@ from dmfc.geometry import transforms
 from dmfc.geometry.points import farthest_points
 from dmfc.grasps.grasp_set import GraspSet
 from dmfc.scenes.cameras import table_cameras
-from dmfc.scenes.labels import grasps_in_scene
+from dmfc.scenes.carry import grasps_in_scene
 from dmfc.scenes.matching import match_grasps
 from dmfc.scenes.scene_set import Scene, SceneSet
 

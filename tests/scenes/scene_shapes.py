@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 from itertools import pairwise
 
 import igl
 import numpy as np
 import trimesh
-from dmfc.objects.model import ObjectModel
 
 from dmfc.geometry.grid import Grid
+from dmfc.grasps.grasp_set import GraspSet
+from dmfc.hand.model import HandModel
+from dmfc.objects.model import ObjectModel
 
 
 def box_mesh(size: tuple[float, float, float]) -> trimesh.Trimesh:
@@ -26,9 +29,15 @@ def cup_mesh(radius: float = 0.035, height: float = 0.09, wall: float = 0.006) -
 
 
 def model_of(
-    name: str, mesh: trimesh.Trimesh, parts: list[np.ndarray] | None = None
+    name: str,
+    mesh: trimesh.Trimesh,
+    parts: list[np.ndarray] | None = None,
+    as_it_stands: bool = False,
 ) -> ObjectModel:
-    """ObjectModel of a watertight mesh; `parts` are its convex pieces (default: itself)."""
+    """ObjectModel of a watertight mesh; `parts` are its convex pieces (default: itself).
+
+    `as_it_stands` takes the mesh's own orientation for the one stable pose.
+    """
     vertices = np.array(mesh.vertices, dtype=np.float64)
     faces = np.array(mesh.faces, dtype=np.int32)
 
@@ -38,7 +47,11 @@ def model_of(
     margin = 0.02
     grid = Grid.sample(signed, vertices.min(0) - margin, vertices.max(0) + margin, 0.003)
     samples, index = trimesh.sample.sample_surface(mesh, 2000, seed=0)
-    T_world_object, probability = mesh.compute_stable_poses(sigma=0, n_samples=1)
+    if as_it_stands:
+        T_world_object, probability = np.eye(4)[None], np.ones(1)
+        T_world_object[0, 2, 3] = -vertices[:, 2].min()
+    else:
+        T_world_object, probability = mesh.compute_stable_poses(sigma=0, n_samples=1)
     rotations = T_world_object[:, :3, :3]
     upright = int(np.argmax([np.trace(rotation) for rotation in rotations]))
     return ObjectModel(
@@ -91,3 +104,59 @@ def shapes() -> dict[str, ObjectModel]:
         cup_model(),
     ]
     return {model.id: model for model in made}
+
+
+def paddle() -> HandModel:
+    """A hand that is a flat palm, 8 cm square, with one finger that bends towards its inside."""
+    grid = np.linspace(-0.04, 0.04, 9)
+    palm = np.stack(np.meshgrid(grid, grid, [0.0]), axis=-1).reshape(-1, 3)
+    finger = np.stack([np.zeros(8), np.zeros(8), np.linspace(0, 0.05, 8)], axis=1)
+    T_palm_finger = np.eye(4)
+    T_palm_finger[0, 3] = 0.04
+    small = Grid(np.zeros((2, 2, 2)), np.zeros(3), 0.01)
+    return HandModel(
+        name="paddle",
+        dof_names=["bend"],
+        lower=np.array([-1.0]),
+        upper=np.array([1.0]),
+        open_joints=np.zeros(1),
+        flexion=np.ones(1),
+        link_names=["palm", "finger"],
+        parents=np.array([-1, 0]),
+        T_parent_link=np.stack([np.eye(4), T_palm_finger]),
+        joint_axis=np.array([[0, 0, 0], [0, 1.0, 0]]),
+        joint_dof=np.array([-1, 0]),
+        joint_scale=np.array([0.0, 1.0]),
+        palm_reference=np.array([0.0, 0.0, 0.01]),
+        palm_normal=np.array([0.0, 0.0, 1.0]),
+        collision_link=np.repeat([0, 1], [len(palm), len(finger)]),
+        collision_points=np.concatenate([palm, finger]),
+        inner_link=np.zeros(1, dtype=np.int64),
+        inner_points=np.zeros((1, 3)),
+        inner_normals=np.array([[0.0, 0.0, 1.0]]),
+        adjacency=np.ones((2, 2), dtype=bool),
+        link_grids=[small, small],
+        link_vertices=[np.zeros((0, 3)), np.zeros((0, 3))],
+        link_faces=[np.zeros((0, 3), np.int32), np.zeros((0, 3), np.int32)],
+    )
+
+
+def grasps_around(model: ObjectModel, count: int, seed: int = 0) -> GraspSet:
+    """Palms 2 to 7 cm above random surface points, facing them; every tenth misses."""
+    generator = np.random.default_rng(seed)
+    chosen = generator.integers(len(model.surface_points), size=count)
+    point, normal = model.surface_points[chosen], model.surface_normals[chosen]
+    inside = -normal.astype(np.float64)
+    side = np.cross(inside, generator.normal(size=(count, 3)))
+    side /= np.linalg.norm(side, axis=1, keepdims=True)
+    hit = point.astype(np.float64)
+    position = hit - generator.uniform(0.02, 0.07, (count, 1)) * inside
+    hit[::10] = np.nan
+    rotation = np.stack([side, np.cross(inside, side), inside], axis=2)
+    joints = generator.uniform(-0.5, 0.5, (count, 1))
+    scalars = generator.uniform(size=(4, count))
+    return GraspSet(model.id, "paddle", ["bend"], position, rotation, joints, hit, *scalars)
+
+
+def with_faces(model: ObjectModel, faces: np.ndarray) -> ObjectModel:
+    return dataclasses.replace(model, id=f"{model.id}-other-faces", faces=faces)

@@ -1,0 +1,182 @@
+"""Matching equals brute force; labels return to their object's frame; collisions are dropped."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+import scene_shapes
+import torch
+import trimesh
+
+from dmfc.config.scenes import MatchingConfig, ScenesConfig
+from dmfc.geometry import transforms
+from dmfc.hand.kinematics import HandKinematics
+from dmfc.scenes.carry import grasps_in_scene
+from dmfc.scenes.labels import HandPoints, surviving_labels
+from dmfc.scenes.matching import match_grasps, positive_rates
+from dmfc.scenes.stats import scene_stats, stats_rows
+
+
+def labels_of(scene, grasps, hand):
+    return grasps_in_scene(
+        scene.object_ids,
+        scene.T_world_object,
+        scene.grasp_object,
+        scene.grasp_index,
+        grasps,
+        hand.palm_reference,
+    )
+
+
+@pytest.mark.parametrize("mode", ["projected", "literal"])
+def test_matching_equals_brute_force(mode, scenes, grasps, hand):
+    config = MatchingConfig(mode=mode, distance=0.02)
+    found = 0
+    for scene in scenes[:2]:
+        own = labels_of(scene, grasps, hand)
+        seeds = slice(0, 200)
+        points, normals = scene.points[seeds], scene.normals[seeds]
+        table = match_grasps(
+            config,
+            points,
+            normals,
+            scene.point_object[seeds],
+            own.palm_reference,
+            own.palm_hit,
+            own.object_index,
+        )
+        expected = np.zeros((200, len(own.position)), dtype=bool)
+        for i in range(200):
+            for g in range(len(own.position)):
+                p_i, n_i = points[i].astype(float), normals[i].astype(float)
+                p_p = own.palm_reference[g]
+                centre = own.palm_hit[g] if mode == "projected" else p_p
+                near = np.linalg.norm(p_i - centre) <= config.distance
+                same = scene.point_object[i] == own.object_index[g]
+                expected[i, g] = same and near and n_i @ (p_p - p_i) > 0
+        assert (table == expected).all()
+        found += int(expected.sum())
+    assert found > 20
+
+
+def test_matching_by_hand():
+    """One point, its normal up; grasps above, above another object, beneath, and without a hit."""
+    point, normal = np.zeros((1, 3)), np.array([[0, 0, 1.0]])
+    reference = np.array([[0, 0, 0.06], [0, 0, 0.06], [0, 0, -0.06], [0, 0, 0.06]])
+    hit = np.array([[0, 0.004, 0], [0, 0.004, 0], [0, 0.004, 0], [np.nan, np.nan, np.nan]])
+    owner = np.array([0, 1, 0, 0])
+    table = match_grasps(MatchingConfig(), point, normal, np.zeros(1), reference, hit, owner)
+    assert table.tolist() == [[True, False, False, False]]
+    assert positive_rates(table) == (1.0, 0.25)
+    literal = MatchingConfig(mode="literal")
+    assert not match_grasps(literal, point, normal, np.zeros(1), reference, hit, owner).any()
+
+
+def test_labels_taken_back_equal_the_stored_grasps(scenes, grasps, hand):
+    for scene in scenes:
+        own = labels_of(scene, grasps, hand)
+        assert len(own.position) == len(scene.grasp_index) > 0
+        T_world_palm = transforms.transform(own.rotation, own.position)
+        for row, (index, stored) in enumerate(
+            zip(scene.grasp_object, scene.grasp_index, strict=True)
+        ):
+            T_object_world = np.linalg.inv(scene.T_world_object[index])
+            back = T_object_world @ T_world_palm[row]
+            expected = grasps[scene.object_ids[index]]
+            assert np.allclose(back, expected.T_object_palm[stored], atol=1e-12)
+            assert np.allclose(own.joints[row], expected.joints[stored])
+            hit = transforms.apply(T_object_world, own.palm_hit[row][None])[0]
+            assert np.allclose(hit, expected.palm_hit[stored], atol=1e-12, equal_nan=True)
+
+
+def test_dropped_labels_are_those_in_collision(scenes, objects, grasps, hand):
+    """Against trimesh's signed distance, for all grasps of the objects of two scenes."""
+    config = ScenesConfig()
+    kinematics = HandKinematics(hand)
+    for scene in scenes[:2]:
+        models = [objects[name] for name in scene.object_ids]
+        labels = surviving_labels(config, models, scene.T_world_object, grasps, HandPoints(hand))
+        kept = set(zip(labels.grasp_object.tolist(), labels.grasp_index.tolist(), strict=True))
+        expected, table, neighbour = set(), 0, 0
+        for index, model in enumerate(models):
+            own = grasps[model.id]
+            T_world_palm = torch.as_tensor(scene.T_world_object[index] @ own.T_object_palm)
+            points = kinematics.collision_points(T_world_palm, torch.as_tensor(own.joints))
+            lowest = points[..., 2].amin(1).numpy()
+            deepest = _deepest(points.numpy(), models, scene.T_world_object, index)
+            assert np.abs(lowest).min() > 1e-6  # no case is too close to call
+            table += int((lowest < 0).sum())
+            neighbour += int(((lowest >= 0) & (deepest > 0)).sum())
+            clear = np.flatnonzero((lowest >= 0) & (deepest <= 0)).tolist()
+            expected |= {(index, row) for row in clear}
+        assert labels.dropped["table"] == table > 0
+        # a grid of 3 mm may misjudge a hand that just touches an edge of a neighbour
+        assert len(kept ^ expected) <= 0.01 * 80 * len(models)
+        assert abs(labels.dropped["neighbour"] - neighbour) <= 0.01 * 80 * len(models)
+        assert len(kept) + sum(labels.dropped.values()) == 80 * len(models)
+
+
+def _deepest(points, models, T_world_object, index):
+    """[n] depth of points [n, P, 3] in the meshes of the other objects, by trimesh."""
+    deepest = np.full(len(points), -np.inf)
+    for other, model in enumerate(models):
+        if other == index:
+            continue
+        mesh = trimesh.Trimesh(model.vertices, model.faces)
+        local = transforms.apply(np.linalg.inv(T_world_object[other]), points.reshape(-1, 3))
+        near = mesh.bounding_box.contains(local)
+        depth = np.full(len(local), -np.inf)
+        if near.any():
+            depth[near] = trimesh.proximity.signed_distance(mesh, local[near])
+        deepest = np.maximum(deepest, depth.reshape(len(points), -1).max(1))
+    return deepest
+
+
+def test_the_most_robust_are_kept(objects, grasps, hand):
+    model = objects["shape/box"]
+    own = grasps[model.id]
+    high = np.eye(4)[None].copy()
+    high[0, 2, 3] = 1.0
+    config = ScenesConfig(max_grasps=5)
+    labels = surviving_labels(config, [model], high, grasps, HandPoints(hand))
+    assert (labels.grasp_index == np.argsort(-own.robustness)[:5]).all()
+    assert labels.dropped == {"table": 0, "neighbour": 0, "limit": len(own) - 5}
+
+
+def test_clearance_allows_some_penetration(objects, hand):
+    model = objects["shape/box"]
+    grasps = {model.id: scene_shapes.grasps_around(model, 200)}
+    stands = np.eye(4)[None].copy()
+    stands[0, 2, 3] = 0.075
+    dropped = []
+    for clearance in (0.0, 0.01, 1.0):
+        config = dataclasses.replace(ScenesConfig(), clearance=clearance)
+        labels = surviving_labels(config, [model], stands, grasps, HandPoints(hand))
+        dropped.append(labels.dropped["table"])
+    assert dropped[0] > dropped[1] > dropped[2] == 0
+
+
+def test_objects_without_grasps_have_no_labels(objects, hand):
+    models = list(objects.values())[:2]
+    T = np.tile(np.eye(4), (2, 1, 1))
+    labels = surviving_labels(ScenesConfig(), models, T, {}, HandPoints(hand))
+    assert len(labels.grasp_index) == 0
+    own = grasps_in_scene([m.id for m in models], T, *[labels.grasp_index] * 2, {}, np.zeros(3))
+    assert own.position.shape == (0, 3)
+
+
+def test_statistics_count_what_is_there(scenes, grasps, hand):
+    stats = scene_stats(scenes, grasps, hand.palm_reference, MatchingConfig())
+    assert stats["scenes"] == 7
+    assert stats["points"] == 7 * 2048
+    assert stats["grasps"] == sum(len(scene.grasp_index) for scene in scenes)
+    total = stats["grasps"] + sum(stats["dropped"].values())
+    assert total == 80 * sum(len(scene.object_ids) for scene in scenes)
+    rates = stats["matching"]["projected"]
+    assert 0 < rates["positive_grasps_of_seeds"] <= rates["positive_grasps"] <= 1
+    assert stats["matching"]["literal"]["positive_points"] < rates["positive_points"]
+    rows = {row["quantity"]: row["value"] for row in stats_rows(stats)}
+    assert rows["dropped table"] == str(stats["dropped"]["table"])
+    assert rows["matching projected positive points"] == f"{rates['positive_points']:.3f}"
