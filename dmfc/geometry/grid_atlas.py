@@ -69,8 +69,10 @@ class _Distance(torch.autograd.Function):
         ctx: Any, points: Tensor, grid: Tensor, T_x_grid: Tensor, atlas: GridAtlas
     ) -> Tensor:
         compute = _on_cpu if points.device.type == "cpu" else _by_tensors
-        distance, gradient = compute(points.detach(), grid, T_x_grid.to(points.dtype), atlas)
-        if ctx.needs_input_grad[0]:
+        wanted = ctx.needs_input_grad[0]
+        pose = T_x_grid.to(points.dtype)
+        distance, gradient = compute(points.detach(), grid, pose, atlas, wanted)
+        if wanted:
             ctx.save_for_backward(gradient)
         return distance
 
@@ -82,11 +84,12 @@ class _Distance(torch.autograd.Function):
 
 
 def _on_cpu(
-    points: Tensor, grid: Tensor, T_x_grid: Tensor, atlas: GridAtlas
+    points: Tensor, grid: Tensor, T_x_grid: Tensor, atlas: GridAtlas, wanted: bool
 ) -> tuple[Tensor, Tensor]:
+    """Distance [n, K, P] and, where it is wanted, its gradient [n, K, P, 3]."""
     shape = (*grid.shape, points.shape[1])
     distance = points.new_full(shape, FAR)
-    gradient = points.new_zeros((*shape, 3))
+    gradient = points.new_zeros((*shape, 3) if wanted else (0, 0, 0, 3))
     constant = atlas.on(points.device)
     distance_and_gradient(
         points.contiguous().numpy(),
@@ -105,14 +108,17 @@ def _on_cpu(
 
 
 def _by_tensors(
-    points: Tensor, grid: Tensor, T_x_grid: Tensor, atlas: GridAtlas
+    points: Tensor, grid: Tensor, T_x_grid: Tensor, atlas: GridAtlas, wanted: bool
 ) -> tuple[Tensor, Tensor]:
+    """As `_on_cpu`."""
     rows = max(CHUNK // max(grid.shape[1] * points.shape[1], 1), 1)
-    pieces = [
-        _lookup(*piece, atlas)
-        for piece in zip(points.split(rows), grid.split(rows), T_x_grid.split(rows), strict=True)
-    ]
-    return torch.cat([piece[0] for piece in pieces]), torch.cat([piece[1] for piece in pieces])
+    distances, gradients = [], [points.new_zeros(0, grid.shape[1], points.shape[1], 3)]
+    for piece in zip(points.split(rows), grid.split(rows), T_x_grid.split(rows), strict=True):
+        distance, gradient = _lookup(*piece, atlas)
+        distances.append(distance)
+        if wanted:
+            gradients.append(gradient)
+    return torch.cat(distances), torch.cat(gradients)
 
 
 def _lookup(

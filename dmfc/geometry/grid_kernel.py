@@ -22,11 +22,14 @@ def distance_and_gradient(
 ) -> None:
     """Fill distance [n, K, P] and its gradient [n, K, P, 3] with respect to points [n, P, 3].
 
+    A gradient of size 0 is not filled.
+
     rotation [n, K, 3, 3] and position [n, K, 3] place grid[n, K] among the points; entries with a
     negative grid are left as they are.
     """
     local, node, out = np.empty(3), np.empty(3), np.empty(3)
     slope, cell, top = np.empty(3), np.empty(3, np.int64), np.empty(3)
+    wanted = gradient.size > 0
     for i in range(points.shape[0]):
         for k in range(grid.shape[1]):
             g = grid[i, k]
@@ -42,7 +45,8 @@ def distance_and_gradient(
                 z = points[i, p, 2] - t[2]
                 if not np.isfinite(x + y + z):  # a cell of it would be outside of the memory
                     distance[i, k, p] = np.nan
-                    gradient[i, k, p, :] = np.nan
+                    if wanted:
+                        gradient[i, k, p, :] = np.nan
                     continue
                 apart = 0.0
                 for c in range(3):
@@ -64,13 +68,15 @@ def distance_and_gradient(
                 v10, v11 = v010 + fx * (v110 - v010), v011 + fx * (v111 - v011)
                 v0, v1 = v00 + fy * (v10 - v00), v01 + fy * (v11 - v01)
                 value = v0 + fz * (v1 - v0)
+                apart = np.sqrt(apart)
+                distance[i, k, p] = value - apart
+                if not wanted:
+                    continue
                 d00, d01 = v100 - v000, v101 - v001
                 d10, d11 = v110 - v010, v111 - v011
                 slope[0] = (1 - fz) * (d00 + fy * (d10 - d00)) + fz * (d01 + fy * (d11 - d01))
                 slope[1] = (1 - fz) * (v10 - v00) + fz * (v11 - v01)
                 slope[2] = v1 - v0
-                apart = np.sqrt(apart)
-                distance[i, k, p] = value - apart
                 for c in range(3):
                     slope[c] = slope[c] / h if out[c] == 0.0 else -out[c] / apart
                 for c in range(3):

@@ -17,7 +17,7 @@ from dmfc.losses.atlas import SceneObjects
 from dmfc.losses.box_kernel import points_in_boxes
 
 ROWS = 64
-"""Grasps that the tensor path of the self-collision looks at together; bounds its memory."""
+"""Grasps whose self-collision is looked for together; bounds its memory."""
 
 
 def collision(
@@ -74,25 +74,30 @@ class SelfCollision:
 
     def _near(self, points: Tensor, T_x_link: Tensor) -> tuple[Tensor, ...]:
         """(grasp, link, point) of every point in the box of a link that it may collide with."""
-        if points.device.type == "cpu":
-            inside = torch.zeros(len(points), self.links, points.shape[1], dtype=torch.bool)
-            points_in_boxes(
-                points.contiguous().numpy(),
-                T_x_link[..., :3, :3].contiguous().numpy(),
-                T_x_link[..., :3, 3].contiguous().numpy(),
-                self.lower.numpy(),
-                self.upper.numpy(),
-                self.link.numpy(),
-                self.excluded.numpy(),
-                inside.numpy(),
-            )
-        else:
-            pieces = zip(points.split(ROWS), T_x_link.split(ROWS), strict=True)
-            inside = torch.cat([self._inside(*piece) for piece in pieces])
-        return inside.nonzero(as_tuple=True)
+        find = self._inside_compiled if points.device.type == "cpu" else self._inside
+        found, rows = [], zip(points.split(ROWS), T_x_link.split(ROWS), strict=True)
+        for i, piece in enumerate(rows):
+            grasp, link, point = find(*piece).nonzero(as_tuple=True)
+            found.append(torch.stack([grasp + i * ROWS, link, point]))
+        return torch.cat(found, dim=1).unbind()
+
+    def _inside_compiled(self, points: Tensor, T_x_link: Tensor) -> Tensor:
+        """[n, L, P] whether a point may collide with a link: in its box and not excluded."""
+        inside = torch.zeros(len(points), self.links, points.shape[1], dtype=torch.bool)
+        points_in_boxes(
+            points.contiguous().numpy(),
+            T_x_link[..., :3, :3].contiguous().numpy(),
+            T_x_link[..., :3, 3].contiguous().numpy(),
+            self.lower.numpy(),
+            self.upper.numpy(),
+            self.link.numpy(),
+            self.excluded.numpy(),
+            inside.numpy(),
+        )
+        return inside
 
     def _inside(self, points: Tensor, T_x_link: Tensor) -> Tensor:
-        """[n, L, P] as `points_in_boxes`, by tensor operations."""
+        """As `_inside_compiled`, by tensor operations."""
         local = (points[:, None] - T_x_link[..., None, :3, 3]) @ T_x_link[..., :3, :3]
         lower, upper = self.lower.to(local)[:, None], self.upper.to(local)[:, None]
         excluded = self.excluded.to(local.device)[:, self.link.to(local.device)]

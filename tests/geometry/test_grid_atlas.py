@@ -50,10 +50,15 @@ def test_compiled_and_tensor_paths_agree(
     monkeypatch.setattr(grid_atlas, "CHUNK", 1000)
     problem_ = problem(dtype=dtype)
     atlas = GridAtlas(grids)
-    fast, slow = grid_atlas._on_cpu(*problem_, atlas), grid_atlas._by_tensors(*problem_, atlas)
+    fast = grid_atlas._on_cpu(*problem_, atlas, True)
+    slow = grid_atlas._by_tensors(*problem_, atlas, True)
     assert fast[0].dtype == slow[0].dtype == dtype
     assert (fast[0] - slow[0]).abs().max() < tolerance
     assert (fast[1] - slow[1]).abs().max() < tolerance
+    for path in (grid_atlas._on_cpu, grid_atlas._by_tensors):
+        alone, nothing = path(*problem_, atlas, False)
+        assert torch.equal(alone, (fast if path is grid_atlas._on_cpu else slow)[0])
+        assert nothing.numel() == 0
 
 
 def test_gradient_by_finite_differences(grids: list[Grid]) -> None:
@@ -77,7 +82,7 @@ def test_points_that_are_no_numbers_stay_so(grids: list[Grid]) -> None:
     points[0, 3, 1] = torch.nan
     atlas = GridAtlas(grids)
     for path in (grid_atlas._on_cpu, grid_atlas._by_tensors):
-        distance = path(points, index, T, atlas)[0]
+        distance = path(points, index, T, atlas, True)[0]
         assert torch.equal(distance[0, 0].isnan().nonzero()[:, 0], torch.tensor([3]))
 
 
