@@ -134,7 +134,7 @@ def test_ctrl_c_leaves_a_store_that_goes_on(ledger, config, tmp_path):
         def end(self): ...
 
     log = tmp_path / "log"
-    a, b, c, d, _ = chain(str(log))
+    a, _, _, d, _ = chain(str(log))
     outcomes = run([d], ledger, config, local=True, watcher=Impatient())
     assert outcomes[a.address].status == "ran"
     assert outcomes[d.address].status == "interrupted"

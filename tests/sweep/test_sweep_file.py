@@ -9,13 +9,18 @@ from dmfc.sweep.sweep_file import cell_config, load_sweep
 CELL = "cells:\n  a: {model: pretrained}\n"
 
 
+def resolve(path: str) -> None:
+    """Read a sweep file and the settings of each of its cells."""
+    sweep = load_sweep(path)
+    for cell in sweep.cells:
+        cell_config(sweep, cell, 0, "smoke", [])
+
+
 def error(tmp_path, text) -> str:
     path = tmp_path / "my.yaml"
     path.write_text(text)
     with pytest.raises(DmfcError) as caught:
-        sweep = load_sweep(str(path))
-        for cell in sweep.cells:
-            cell_config(sweep, cell, 0, "smoke", [])
+        resolve(str(path))
     assert "\n" not in str(caught.value)
     assert "my.yaml" in str(caught.value)
     return str(caught.value)

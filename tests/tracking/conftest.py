@@ -1,0 +1,62 @@
+"""A finished sweep without science, run in this process."""
+
+import shutil
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "sweep"))
+
+from fake_science import FAKES, fake_refs
+
+from dmfc.report.collect import collect, table_of, write_table
+from dmfc.sweep.engine import run_stages
+from dmfc.sweep.graph import GraphBuilder
+from dmfc.sweep.ledger import Ledger
+from dmfc.sweep.plan import plan_sweep
+from dmfc.sweep.sweep_file import load_sweep
+from dmfc.tracking.store import database
+
+SWEEP = """
+name: tiny
+title: A tiny sweep
+cells:
+  pretrained: {model: pretrained}
+  all: {model: finetuned, set: {losses.weights.guidance: 2}}
+  broken: {model: finetuned, set: {losses.weights.guidance: 13}}
+"""
+
+
+class FinishedSweep:
+    """Runs the sweep again into the same store; holds what tracking is given."""
+
+    def __init__(self, folder: Path, text: str = SWEEP) -> None:
+        path = folder / "tiny.yaml"
+        path.write_text(text)
+        self.ledger = Ledger(folder / "store")
+        plan = plan_sweep(load_sweep(str(path)), GraphBuilder(fake_refs, FAKES), "smoke")
+        plan.write(self.ledger)
+        outcomes = run_stages(plan.targets, self.ledger, plan.config, kinds=FAKES, local=True)
+        failures = {a: outcome.reason for a, outcome in outcomes.items() if not outcome.ok}
+        self.description = plan.describe()
+        self.table = table_of(self.ledger, self.description, failures)
+        write_table(self.ledger, self.table, collect(self.ledger, self.description, failures))
+
+
+@pytest.fixture(scope="session")
+def empty_database(tmp_path_factory):
+    """MLflow's tables without a run: making them takes seconds, copying them does not."""
+    from mlflow.tracking import MlflowClient
+
+    path = tmp_path_factory.mktemp("mlflow") / "mlflow.db"
+    MlflowClient(f"sqlite:///{path}").search_experiments()
+    return path
+
+
+@pytest.fixture
+def finished(tmp_path, empty_database):
+    sweep = FinishedSweep(tmp_path)
+    database(sweep.ledger).parent.mkdir()
+    shutil.copy(empty_database, database(sweep.ledger))
+    return sweep
