@@ -38,6 +38,9 @@ class TrainingConfig:
     rank_points: int = setting(
         250, "collision points of the hand used to find the hardest; 0: all, the exact ranking"
     )
+    negatives: Literal["ignore", "push_down"] = setting(
+        "ignore", "confidence at seeds without a label: free (the paper), or -log(1 - c) is added"
+    )
     max_gradient_norm: float = setting(0.0, "gradients are scaled down to this norm; 0: never")
     precision: Literal["32-true", "bf16-mixed"] = setting("32-true", "Lightning's precision")
     accelerator: str = setting("auto", "Lightning's accelerator", resource=True)

@@ -33,6 +33,11 @@ class Prediction:
     joints: Tensor
     logit: Tensor
 
+    def float(self) -> Prediction:
+        """The same in float32, whatever precision the network ran in."""
+        values = (self.seeds, self.offset, self.rotation6d, self.joints, self.logit)
+        return Prediction(self.seed_index, *(value.float() for value in values))
+
     @property
     def confidence(self) -> Tensor:
         """`[B,m]` in (0, 1)."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import torch
@@ -36,7 +37,7 @@ def load_network(folder: Path, hand: HandModel) -> DmfcGraspNet:
         stored = OmegaConf.load(folder / CONFIG)
         trained_hand = stored.hand
         config = OmegaConf.merge(OmegaConf.structured(NetworkConfig), stored.network)
-        net = new_network(OmegaConf.to_object(config), hand)
+        net = new_network(cast(NetworkConfig, OmegaConf.to_object(config)), hand)
     except (OSError, AttributeError, ValueError, OmegaConfBaseException) as error:
         raise DmfcError(f"{folder} holds no trained network: {_first_line(error)}") from error
     if trained_hand != hand.name:

@@ -1,0 +1,180 @@
+"""One stage of training from start, or from its last checkpoint, to a folder of results."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import json
+import logging
+import os
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import torch
+from lightning.pytorch import Callback, LightningDataModule, LightningModule, Trainer
+from lightning.pytorch.callbacks import Checkpoint
+from omegaconf import OmegaConf
+from safetensors.torch import save_file
+
+from dmfc.config.losses import LossConfig
+from dmfc.config.network import NetworkConfig
+from dmfc.config.setting import setting
+from dmfc.config.training import TrainingConfig
+from dmfc.errors import DmfcError
+from dmfc.hand.model import HandModel
+from dmfc.losses.atlas import ObjectAtlas
+from dmfc.training.module import GraspTraining
+from dmfc.training.task import Stage, Task
+from dmfc.training.weights import CONFIG, METRICS, SUMMARY, WEIGHTS, load_weights, new_network
+
+VERSION = 1
+CHECKPOINT = "last.ckpt"
+FAILURE = "failure.pt"
+
+
+@dataclasses.dataclass(frozen=True)
+class FitConfig:
+    """The settings that decide what is learned."""
+
+    network: NetworkConfig = setting(NetworkConfig, "the network")
+    losses: LossConfig = setting(LossConfig, "losses and their weights")
+    training: TrainingConfig = setting(TrainingConfig, "the two-stage schedule")
+
+
+def fit(
+    stage: Stage,
+    config: FitConfig,
+    hand: HandModel,
+    data: LightningDataModule,
+    atlas: ObjectAtlas,
+    out: Path,
+    work: Path,
+    init_weights: Path | None = None,
+    progress: Callable[[float, str], None] = lambda fraction, message: None,
+) -> None:
+    """Train `stage` and write weights, metrics per epoch, config and summary into `out`.
+
+    `init_weights`: folder of a finished stage to start from; None starts from random weights, which
+    follow from the seed. `work` holds a checkpoint per epoch: a second call with the same `work`
+    goes on after the last finished epoch, and ends as the uninterrupted run would have.
+    Raises DmfcError where a loss is not finite or nothing can be learned.
+    """
+    training = config.training
+    work.mkdir(parents=True, exist_ok=True)
+    torch.manual_seed(training.seed)
+    net = new_network(config.network, hand)
+    if init_weights is not None:
+        load_weights(net, init_weights)
+    task = Task(stage, config.losses, hand, atlas, training.rank_points)
+    module = GraspTraining(net, task, training, work / FAILURE)
+    started = time.perf_counter()
+    with _quiet(), _threads(training.threads):
+        trainer = Trainer(
+            max_epochs=module.schedule.epochs,
+            accelerator=training.accelerator,
+            devices=training.devices,
+            precision=training.precision,
+            callbacks=[_KeepLast(work / CHECKPOINT), _Progress(stage, progress)],
+            logger=False,
+            enable_progress_bar=False,
+            enable_model_summary=False,
+            default_root_dir=work,
+            num_sanity_val_steps=0,
+            use_distributed_sampler=False,  # the data module's sampler knows the processes
+        )
+        checkpoint = work / CHECKPOINT
+        trainer.fit(
+            module,
+            datamodule=data,
+            ckpt_path=checkpoint if checkpoint.exists() else None,
+            weights_only=True,
+        )
+    finished = sum(row["split"] == "train" for row in module.metrics)
+    if finished < module.schedule.epochs:
+        raise DmfcError(
+            f"{stage} was interrupted after {finished} of {module.schedule.epochs} epochs; "
+            "run it again to go on"
+        )
+    if trainer.is_global_zero:
+        _write(out, stage, config, module, hand, time.perf_counter() - started)
+
+
+def _write(
+    out: Path, stage: str, config: FitConfig, module: GraspTraining, hand: HandModel, seconds: float
+) -> None:
+    out.mkdir(parents=True, exist_ok=True)
+    state = {k: v.detach().cpu().contiguous() for k, v in module.net.state_dict().items()}
+    save_file(state, out / WEIGHTS)
+    lines = [json.dumps(row) + "\n" for row in module.metrics]
+    (out / METRICS).write_text("".join(lines))
+    described = OmegaConf.create({"version": VERSION, "stage": stage, "hand": hand.name})
+    settings = OmegaConf.to_container(OmegaConf.structured(config))
+    OmegaConf.save(OmegaConf.merge(described, settings), out / CONFIG)
+    summary: dict[str, Any] = {
+        "version": VERSION,
+        "stage": stage,
+        "epochs": module.schedule.epochs,
+        "parameters": sum(p.numel() for p in module.net.parameters()),
+        "seconds": round(seconds, 3),
+        "device": str(module.device),
+        "torch": torch.__version__,
+        "last": module.metrics[-1],
+    }
+    (out / SUMMARY).write_text(json.dumps(summary, indent=1) + "\n")
+
+
+class _KeepLast(Checkpoint):
+    """Saves after each epoch, whole or not at all.
+
+    A `Checkpoint`, because Lightning calls those after the module's own hook has added its metrics.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def on_train_epoch_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        temporary = self.path.with_suffix(".part")
+        trainer.save_checkpoint(temporary)
+        if trainer.is_global_zero:
+            os.replace(temporary, self.path)
+
+
+class _Progress(Callback):
+    """Tells the fraction of all steps done after each."""
+
+    def __init__(self, stage: str, tell: Callable[[float, str], None]) -> None:
+        self.stage = stage
+        self.tell = tell
+
+    def on_train_batch_end(self, trainer: Trainer, pl_module: LightningModule, *_: Any) -> None:
+        steps = int(trainer.num_training_batches)
+        epochs = int(trainer.max_epochs or 1)
+        done = trainer.current_epoch + (trainer.fit_loop.batch_idx + 1) / max(steps, 1)
+        self.tell(done / epochs, f"{self.stage} epoch {trainer.current_epoch + 1}/{epochs}")
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Lightning's greetings and advice on loaders are not for the users of a stage."""
+    logger = logging.getLogger("lightning.pytorch")
+    level = logger.level
+    logger.setLevel(logging.WARNING)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", module="lightning")
+        try:
+            yield
+        finally:
+            logger.setLevel(level)
+
+
+@contextlib.contextmanager
+def _threads(count: int) -> Iterator[None]:
+    before = torch.get_num_threads()
+    torch.set_num_threads(count)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)

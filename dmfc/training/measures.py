@@ -1,0 +1,33 @@
+"""How far predictions are from their labels, in units that a person can judge."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from dmfc.geometry.rotations import geodesic_angle
+from dmfc.losses.chamfer import grasp_vector
+from dmfc.network.model import Prediction
+from dmfc.training.candidates import Batch, label_vectors
+
+
+@torch.no_grad()
+def label_errors(prediction: Prediction, batch: Batch, joint_weight: float) -> dict[str, Tensor]:
+    """Errors at each of the p seed points with a label, against the label nearest in grasp space.
+
+    translation_mm, rotation_deg, joints_deg (root mean square over the joints): `[p]` each.
+    """
+    prediction = prediction.float()
+    ours = grasp_vector(prediction.position, prediction.rotation6d, prediction.joints, joint_weight)
+    apart = torch.cdist(ours, label_vectors(batch, joint_weight))
+    nearest = apart.masked_fill(~batch["match"], torch.inf).argmin(-1)
+    scene, seed = batch["match"].any(-1).nonzero(as_tuple=True)
+    label = nearest[scene, seed]
+    position = prediction.position[scene, seed] - batch["grasp_position"][scene, label]
+    angle = geodesic_angle(prediction.rotation[scene, seed], batch["grasp_rotation"][scene, label])
+    joints = prediction.joints[scene, seed] - batch["grasp_joints"][scene, label]
+    return {
+        "translation_mm": 1000 * position.norm(dim=-1),
+        "rotation_deg": torch.rad2deg(angle),
+        "joints_deg": torch.rad2deg(joints.square().mean(-1).sqrt()),
+    }

@@ -1,0 +1,183 @@
+"""The Lightning module: a batch -> task loss with confidence over the hardest predictions."""
+
+from __future__ import annotations
+
+import math
+import time
+from pathlib import Path
+from typing import Any
+
+import torch
+from lightning.pytorch import LightningModule
+from torch import Tensor
+
+from dmfc.config.training import StageSchedule, TrainingConfig
+from dmfc.errors import DmfcError
+from dmfc.losses.confidence import confidence_loss
+from dmfc.network.model import DmfcGraspNet, Prediction
+from dmfc.training.candidates import Batch, Candidates
+from dmfc.training.means import Means
+from dmfc.training.measures import label_errors
+from dmfc.training.selection import hardest
+from dmfc.training.task import Task
+
+TIMINGS = frozenset({"seconds", "scenes_per_second"})
+"""Metrics of an epoch that differ from run to run; all others are exact."""
+
+
+class GraspTraining(LightningModule):
+    """Trains `net` on `task`. `metrics` holds a row per finished epoch.
+
+    Where a loss or a gradient is not finite the run stops with a DmfcError that names the term and
+    the scene, and `failure_file` holds the batch and the weights that led there.
+    """
+
+    def __init__(
+        self, net: DmfcGraspNet, task: Task, config: TrainingConfig, failure_file: Path
+    ) -> None:
+        super().__init__()
+        self.net = net
+        self.task = task
+        self.config = config
+        self.failure_file = failure_file
+        self.metrics: list[dict[str, Any]] = []
+        self._means = Means()
+        self._validation = Means()
+        self._started = 0.0
+        self._batch: Batch = {}
+
+    @property
+    def schedule(self) -> StageSchedule:
+        stage: StageSchedule = getattr(self.config, self.task.stage)
+        return stage
+
+    def training_step(self, batch: Batch, batch_index: int) -> Tensor | None:
+        """The loss of a batch; None, which skips the step, where it has nothing to learn from."""
+        self._batch = batch
+        prediction = self.net(batch["points"], batch["seed_index"])
+        candidates = self.task.candidates(prediction, batch)
+        self._measure(self._means, prediction, batch)
+        if len(candidates) == 0:
+            return None
+        chosen = self._hardest(candidates, batch)
+        terms = self.task.terms(chosen, batch)
+        self._require_finite(terms, chosen, batch)
+        loss = confidence_loss(self.task.total(terms), chosen.logit, self.task.weights.confidence)
+        if self.config.negatives == "push_down":
+            loss = loss + self.task.weights.confidence * _push_down(prediction.logit, batch)
+        self._means.add("loss", loss)
+        for name, values in terms.items():
+            self._means.add(name, values[chosen.positive] if name == "chamfer" else values)
+        return loss
+
+    def _measure(self, means: Means, prediction: Prediction, batch: Batch) -> None:
+        means.add("scenes", batch["scene"])
+        means.add("positive_rate", batch["match"].any(-1).float())
+        means.add("confidence", prediction.confidence)
+        for name, values in label_errors(prediction, batch, self.task.joint_weight).items():
+            means.add(name, values)
+
+    def _hardest(self, candidates: Candidates, batch: Batch) -> Candidates:
+        config = self.config
+        if config.hard_stages == "finetune" and self.task.stage == "pretrain":
+            return candidates
+        if config.hard_samples == 0 or len(candidates) <= config.hard_samples:
+            return candidates
+        error = self.task.errors(candidates, batch)
+        return candidates.take(
+            hardest(error, candidates.scene, config.hard_samples, config.hard_scope)
+        )
+
+    def validation_step(self, batch: Batch, batch_index: int) -> None:
+        prediction = self.net(batch["points"], batch["seed_index"])
+        self._measure(self._validation, prediction, batch)
+        rows = Candidates.of(prediction, batch, self.task.joint_weight)
+        self._validation.add("chamfer", rows.chamfer[rows.positive])
+
+    def on_validation_epoch_start(self) -> None:
+        self._validation = Means()
+
+    def on_validation_epoch_end(self) -> None:
+        self._add_row("val", self._result(self._validation))
+
+    def configure_optimizers(self) -> torch.optim.Optimizer:
+        return torch.optim.Adam(self.net.parameters(), lr=self.schedule.learning_rate)
+
+    def on_train_epoch_start(self) -> None:
+        """Learning rate and randomness of an epoch follow from its number alone."""
+        schedule, epoch = self.schedule, self.current_epoch
+        rate = schedule.learning_rate * schedule.decay ** (epoch // schedule.decay_every)
+        for group in self.trainer.optimizers[0].param_groups:
+            group["lr"] = rate
+        torch.manual_seed(self.config.seed * 1_000_003 + epoch)
+        self._means = Means()
+        self._started = time.perf_counter()
+
+    def on_before_optimizer_step(self, optimizer: torch.optim.Optimizer) -> None:
+        gradients = [p.grad for p in self.net.parameters() if p.grad is not None]
+        norm = torch.nn.utils.get_total_norm(gradients)
+        if not math.isfinite(norm.item()):
+            self._fail("the gradient", self._batch["scene"].tolist())
+        self._means.add("gradient_norm", norm)
+        if self.config.max_gradient_norm > 0:
+            torch.nn.utils.clip_grads_with_norm_(
+                self.net.parameters(), self.config.max_gradient_norm, norm
+            )
+
+    def on_train_epoch_end(self) -> None:
+        seconds = time.perf_counter() - self._started
+        scenes = self._means.count("scenes") * self.trainer.world_size
+        means = self._result(self._means)
+        if "loss" not in means:
+            raise DmfcError(
+                f"{self.task.stage}: no seed point of the {scenes} scenes matches a grasp, so there"
+                " is nothing to learn (matching.mode, matching.distance, grasps.per_object)"
+            )
+        means["learning_rate"] = self.trainer.optimizers[0].param_groups[0]["lr"]
+        timings = {"seconds": seconds, "scenes_per_second": scenes / seconds}
+        self._add_row("train", means | timings)
+
+    def _result(self, means: Means) -> dict[str, float]:
+        result = means.result(lambda t: self.trainer.strategy.reduce(t, reduce_op="sum"))
+        result.pop("scenes", None)
+        return result
+
+    def _add_row(self, split: str, means: dict[str, float]) -> None:
+        head = {"stage": self.task.stage, "epoch": self.current_epoch, "split": split}
+        self.metrics.append(head | means)
+
+    def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        checkpoint["metrics"] = self.metrics
+
+    def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        self.metrics = checkpoint["metrics"]
+
+    def _require_finite(
+        self, terms: dict[str, Tensor], candidates: Candidates, batch: Batch
+    ) -> None:
+        checked = {**terms, "confidence": candidates.logit}
+        if torch.stack([values.detach().isfinite().all() for values in checked.values()]).all():
+            return
+        for name, values in checked.items():
+            bad = ~values.detach().isfinite()
+            if bad.any():
+                rows = candidates.scene[bad].unique()
+                self._fail(f"the term '{name}'", batch["scene"][rows].tolist())
+
+    def _fail(self, what: str, scenes: list[int]) -> None:
+        weights = {name: value.cpu() for name, value in self.net.state_dict().items()}
+        batch = {name: value.cpu() for name, value in self._batch.items()}
+        self.failure_file.parent.mkdir(parents=True, exist_ok=True)
+        torch.save({"batch": batch, "weights": weights, "what": what}, self.failure_file)
+        listed = ", ".join(str(scene) for scene in scenes[:8])
+        raise DmfcError(
+            f"{self.task.stage} stopped in epoch {self.current_epoch}: {what} is not finite in "
+            f"scene {listed}; batch and weights are in {self.failure_file} "
+            f"(training.{self.task.stage}.learning_rate, training.max_gradient_norm)"
+        )
+
+
+def _push_down(logit: Tensor, batch: Batch) -> Tensor:
+    """mean of -log(1 - c) over the seed points without a label; 0 where all have one."""
+    negative = logit[~batch["match"].any(-1)]
+    return torch.nn.functional.softplus(negative).sum() / max(len(negative), 1)

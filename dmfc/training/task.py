@@ -1,0 +1,93 @@
+"""The task loss of a stage: which terms it has, of which predictions, in full and cheaply."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Literal
+
+import torch
+from torch import Tensor
+
+from dmfc.config.losses import LossConfig, LossWeights
+from dmfc.errors import DmfcError
+from dmfc.hand.model import HandModel
+from dmfc.losses.atlas import ObjectAtlas, SceneObjects
+from dmfc.losses.task import SceneTerms, active_terms, weighted_sum
+from dmfc.network.model import Prediction
+from dmfc.training.candidates import Batch, Candidates
+
+Stage = Literal["pretrain", "finetune"]
+
+RANK_DIRECTIONS: Literal[64] = 64
+"""Directions of Q1 that suffice to find the hardest."""
+
+
+class Task:
+    """Terms per predicted grasp. Pre-training has chamfer alone, with weight 1."""
+
+    def __init__(
+        self,
+        stage: Stage,
+        config: LossConfig,
+        hand: HandModel,
+        atlas: ObjectAtlas,
+        rank_points: int,
+    ) -> None:
+        """`rank_points`: collision points of the hand in `errors`; 0: all, and Q1 in full.
+
+        Raises DmfcError where every weight of the stage is 0.
+        """
+        self.stage = stage
+        self.weights = config.weights
+        if stage == "pretrain":
+            self.weights = LossWeights(1.0, 0.0, 0.0, 0.0, confidence=config.weights.confidence)
+        self.names = active_terms(self.weights)
+        if not self.names:
+            raise DmfcError(f"{stage} has no loss: every one of losses.weights is 0")
+        self.of_scene = [name for name in self.names if name != "chamfer"]
+        self.joint_weight = config.joint_weight
+        self.atlas = atlas
+        self._full = SceneTerms(hand, config)
+        self._cheap = self._full
+        if rank_points > 0:
+            q1 = dataclasses.replace(config.q1, directions=RANK_DIRECTIONS)
+            self._cheap = SceneTerms(thinned(hand, rank_points), dataclasses.replace(config, q1=q1))
+
+    def candidates(self, prediction: Prediction, batch: Batch) -> Candidates:
+        """The predictions that have a task loss: all, or with chamfer alone those with a label."""
+        rows = Candidates.of(prediction, batch, self.joint_weight)
+        return rows if self.of_scene else rows.take(rows.positive)
+
+    def terms(self, rows: Candidates, batch: Batch) -> dict[str, Tensor]:
+        """Each term `[n]`, not weighted, with gradients."""
+        return self._terms(rows, batch, self._full)
+
+    @torch.no_grad()
+    def errors(self, rows: Candidates, batch: Batch) -> Tensor:
+        """The task loss `[n]` found cheaply: no gradients, fewer points and directions."""
+        return self.total(self._terms(rows, batch, self._cheap))
+
+    def total(self, terms: dict[str, Tensor]) -> Tensor:
+        """task_i = w1 chamfer + w2 collision + w3 guidance + w4 q1_upper, `[n]`."""
+        return weighted_sum(terms, self.weights)
+
+    def _terms(self, rows: Candidates, batch: Batch, compute: SceneTerms) -> dict[str, Tensor]:
+        terms = {"chamfer": rows.chamfer} if "chamfer" in self.names else {}
+        if not self.of_scene:
+            return terms
+        objects = SceneObjects(self.atlas, batch["object_index"], batch["T_world_object"])
+        # in float32 whatever the network's precision: penetrations are millimetres
+        with torch.autocast(rows.position.device.type, enabled=False):
+            return terms | compute(
+                rows.position, rows.rotation, rows.joints, objects.take(rows.scene), self.of_scene
+            )
+
+
+def thinned(hand: HandModel, count: int) -> HandModel:
+    """`hand` with about `count` of its collision points, every k-th."""
+    step = max(1, len(hand.collision_points) // count)
+    return dataclasses.replace(
+        hand,
+        collision_link=hand.collision_link[::step],
+        collision_points=hand.collision_points[::step],
+    )
