@@ -36,7 +36,8 @@ def q1_upper(points: Tensor, objects: SceneObjects, config: Q1Config) -> Tensor:
         target = weights.sum(-1).argmax(-1)
     grasped = objects.only(target)
     distance, normals = grasped.surface(points)
-    return q1_of_contacts(points - grasped.centres, normals[:, 0], distance[:, 0], config)
+    arms = points - grasped.centres.to(points.dtype)
+    return q1_of_contacts(arms, normals[:, 0], distance[:, 0], config)
 
 
 def q1_of_contacts(arms: Tensor, normals: Tensor, distance: Tensor, config: Q1Config) -> Tensor:
