@@ -31,6 +31,7 @@ class StageContext:
     work: Path
     cpus: int = 1
     gpus: float = 0.0
+    hints: Mapping[str, str] = field(default_factory=dict)
     _last_write: float = field(default=0.0, repr=False)
 
     def input(self, name: str) -> Path:

@@ -190,6 +190,7 @@ class _Drive:
             cpus=min(kind.cpus(self.config), self.pool.cpus),
             gpus=kind.gpus(self.config),
             commit=self.commit,
+            hints=dict(stage.hints),
         )
 
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from dmfc.config.losses import LossWeights
+from dmfc.config.losses import LossWeights, Q1Config
 from dmfc.config.scenes import SceneSetConfig
 from dmfc.config.schema import Config
 from dmfc.errors import DmfcError
@@ -24,10 +24,11 @@ Inputs = dict[str, Stage | tuple[Stage, ...]]
 
 @dataclass(frozen=True)
 class ObjectRef:
-    """An object by its id ('ycb/mug'), and a digest of its source where the id does not fix it."""
+    """An object: its id ('ycb/mug'), a digest of its source, and how to find it on this machine."""
 
     id: str
     digest: str = ""
+    selector: str = ""
 
 
 ObjectLister = Callable[[Sequence[str]], list[ObjectRef]]
@@ -69,9 +70,11 @@ class GraphBuilder:
         name: str,
         config: Mapping[str, Any],
         inputs: Mapping[str, Stage | tuple[Stage, ...]] | None = None,
+        hints: Mapping[str, str] | None = None,
     ) -> Stage:
         """A stage of a registered kind."""
-        return Stage(kind, name, kind_of(kind, self._kinds).version, config, inputs or {})
+        version = kind_of(kind, self._kinds).version
+        return Stage(kind, name, version, config, inputs or {}, hints or {})
 
     def hand(self, config: Config) -> Stage:
         """The hand's model."""
@@ -104,7 +107,13 @@ class GraphBuilder:
 
     def grasps_of(self, config: Config, obj: Stage) -> Stage:
         """The planned grasps of one prepared object."""
-        settings = {"hand": config.hand, "grasps": config.grasps, "physics": config.physics}
+        settings = {
+            "hand": config.hand,
+            "grasps": config.grasps,
+            "physics": config.physics,
+            # Not losses.q1: a cell that learns with another metric keeps the same labels.
+            "q1": Q1Config(),
+        }
         return self.stage("grasps", obj.name, settings, {"object": obj, "hand": self.hand(config)})
 
     def scenes(self, config: Config, split: str) -> tuple[Stage, ...]:
@@ -218,7 +227,10 @@ class GraphBuilder:
         prepare = config.objects.prepare
         return tuple(
             self.stage(
-                "object", ref.id, {"object": ref.id, "digest": ref.digest, "prepare": prepare}
+                "object",
+                ref.id,
+                {"object": ref.id, "digest": ref.digest, "prepare": prepare},
+                hints={"selector": ref.selector or ref.id},
             )
             for ref in refs
         )

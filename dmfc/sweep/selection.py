@@ -11,7 +11,4 @@ def list_refs(selectors: Sequence[str]) -> list[ObjectRef]:
     """The objects that `selectors` name, in their order. Raises DmfcError if one names none."""
     from dmfc.objects.sources import list_objects
 
-    return [
-        ObjectRef(source.id, getattr(source, "digest", "") or "")
-        for source in list_objects(list(selectors))
-    ]
+    return [ObjectRef(item.id, item.digest, item.selector) for item in list_objects(selectors)]

@@ -21,9 +21,10 @@ KEY_LENGTH = 32
 class Stage:
     """One node of the graph.
 
-    `config` maps names to settings dataclasses or plain values: all that the stage may depend on
-    besides `inputs`. `inputs` maps names to a stage or to several. `name` is for people: it is no
-    part of the key, so stages that compute the same thing under two names are one stage.
+    `config` maps names to settings dataclasses or plain values: all that the stage depends on
+    besides `inputs`. `inputs` maps names to a stage or several. `name` is for people, `hints` say
+    where data lies on this machine: neither is part of the key, so stages that compute the same
+    thing under two names are one stage.
     """
 
     kind: str
@@ -31,6 +32,7 @@ class Stage:
     version: int
     config: Mapping[str, Any] = field(default_factory=dict)
     inputs: Mapping[str, Stage | tuple[Stage, ...]] = field(default_factory=dict)
+    hints: Mapping[str, str] = field(default_factory=dict)
 
     @cached_property
     def key(self) -> str:

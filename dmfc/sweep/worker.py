@@ -9,7 +9,7 @@ import sys
 import time
 import traceback
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
@@ -37,6 +37,7 @@ class Job:
     cpus: int
     gpus: float
     commit: str
+    hints: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def address(self) -> str:
@@ -89,7 +90,7 @@ def _context(job: Job, ledger: Ledger, out: Path) -> StageContext:
     }
     work = ledger.work(job.address)
     return StageContext(
-        job.kind, job.name, job.key, job.config, inputs, out, work, job.cpus, job.gpus
+        job.kind, job.name, job.key, job.config, inputs, out, work, job.cpus, job.gpus, job.hints
     )
 
 

@@ -1,0 +1,49 @@
+# Everything a person types. A virtual environment in .venv is made and kept up to date by itself.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+STORE ?= store
+PRESET ?= quick
+# One compute thread per process: on a few cores more of them slow each other down.
+export OMP_NUM_THREADS ?= 1
+
+.PHONY: install reproduce test test-all bench lint format clean
+
+install: $(STAMP)
+
+$(STAMP): pyproject.toml
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	@$(BIN)/python -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
+		|| { echo "dmfc needs Python 3.11 or newer; try: make PYTHON=python3.12 install"; exit 1; }
+	$(BIN)/python -m pip install --quiet --upgrade "pip>=23.1"
+	$(BIN)/python -m pip install --quiet --editable ".[dev]"
+	@touch $@
+
+# Tables I and II: trains and evaluates every cell; goes on where an earlier call stopped.
+reproduce: install
+	$(BIN)/dmfc sweep table1 table2 --preset $(PRESET) --store $(STORE)
+
+# Everything that needs Python packages alone.
+test: install
+	$(BIN)/python -m pytest -m "not full"
+
+# And what needs a browser, or minutes.
+test-all: install
+	$(BIN)/python -m pytest
+
+bench: install
+	$(BIN)/python -m pytest tests/benchmarks --benchmark-only
+
+lint: install
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+format: install
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache
