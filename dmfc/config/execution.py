@@ -1,4 +1,4 @@
-"""Settings of execution in MuJoCo."""
+"""Settings of execution in MuJoCo: selection, planning, trajectory and success."""
 
 from __future__ import annotations
 
@@ -11,4 +11,31 @@ from dmfc.config.setting import setting
 class ExecutionConfig:
     grasps_per_scene: int = setting(4, "K")
     min_confidence: float = setting(0.15, "predictions below this are dropped")
-    seed: int = setting(0, "seed of the random row and of the selection")
+    seed: int = setting(0, "seed of the random row")
+    random_offset: float = setting(0.1, "random row: palm within this of a seed point, metres")
+
+    pregrasp_distance: float = setting(
+        0.1, "retreat of the pre-grasp along the palm normal, metres"
+    )
+    pregrasp_opening: float = setting(0.5, "rad that the fingers are open before they close")
+    waypoints: int = setting(5, "poses of the approach that are checked for collision")
+    approach_tolerance: float = setting(
+        0.003, "penetration of open hand and table or object up to the grasp pose, metres"
+    )
+    grasp_tolerance: float = setting(0.01, "penetration of the closed hand at the grasp, metres")
+    squeeze: float = setting(0.3, "closing beyond the grasp that is commanded, rad")
+
+    rest_height: float = setting(0.4, "height of the palm in its resting pose, metres")
+    settle_time: float = setting(0.2, "s, the scene comes to rest before the hand moves")
+    raise_time: float = setting(0.3, "s, resting pose to the pose above the pre-grasp")
+    descend_time: float = setting(0.4, "s, down to the pre-grasp")
+    approach_time: float = setting(0.4, "s, pre-grasp to grasp pose")
+    close_time: float = setting(0.5, "s, the fingers close")
+    squeeze_time: float = setting(0.2, "s, the fingers hold on before the lift")
+    lift_time: float = setting(1.0, "s, straight up to the resting height")
+    hold_time: float = setting(2.0, "s, at the resting height")
+
+    knock_distance: float = setting(0.08, "object moved farther before the lift: knocked away, m")
+    lift_fraction: float = setting(0.5, "share of the lift that the object must have come along")
+    palm_distance: float = setting(0.2, "object's centre farther from the palm: not held, metres")
+    lost_time: float = setting(0.2, "s without contact after which a lifted object is lost")

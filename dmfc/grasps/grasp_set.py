@@ -75,8 +75,11 @@ class GraspSet:
         return T
 
     @classmethod
-    def empty(cls, object_id: str, hand: str, dof_names: list[str]) -> GraspSet:
-        return cls(object_id, hand, dof_names, *(np.zeros(0) for _ in _ARRAYS))
+    def empty(
+        cls, object_id: str, hand: str, dof_names: list[str], notes: dict[str, str] | None = None
+    ) -> GraspSet:
+        """No grasps at all."""
+        return cls(object_id, hand, dof_names, *(np.zeros(0) for _ in _ARRAYS), notes=notes or {})
 
     def save(self, path: Path) -> None:
         """Write the Parquet file; an existing one is replaced."""

@@ -46,8 +46,8 @@ class HandDescription:
     """Centre of the palm's inner surface, palm frame, metres."""
     palm_normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
     """Direction out of the inside of the palm, palm frame, unit length."""
-    preshapes: dict[str, dict[str, float]] = field(default_factory=dict)
-    """Named pre-shapes of the planner: joint -> angle; joints left out are as in `dofs`."""
+    preshape: dict[str, list[float]] = field(default_factory=dict)
+    """Joint -> range from which the planner draws its angle before closing; others stay open."""
     inner_points: dict[str, Any] = field(default_factory=dict)
     """Per link: where the inner points lie (see `dmfc.hand.build`)."""
     directory: str = ""
@@ -67,12 +67,12 @@ class HandDescription:
         """Direction in joint space that closes the hand, [D]; zero where a joint only orients."""
         return np.array([self.flexion.get(name, 0.0) for name in self.dofs])
 
-    def preshape(self, name: str) -> np.ndarray:
-        """Angles of a named pre-shape, [D] rad."""
-        if name not in self.preshapes:
-            raise unknown_name("pre-shape", name, self.preshapes)
-        changed = self.preshapes[name]
-        return np.array([changed.get(joint, angle) for joint, angle in self.dofs.items()])
+    @property
+    def preshape_range(self) -> np.ndarray:
+        """Ranges of the planner's pre-shapes, [D, 2] rad."""
+        return np.array(
+            [self.preshape.get(name, [angle] * 2) for name, angle in self.dofs.items()]
+        )
 
 
 def load_description(name: str) -> HandDescription:

@@ -77,6 +77,8 @@ class World:
             _add_table(spec, table_size, physics)
         for index, model in enumerate(objects):
             _add_object(spec, index, model, physics, can_hold=can_hold, visual=visual)
+        if visual:
+            _light(spec)
         self.hand = hand
         self.objects = objects
         self.model = spec.compile()
@@ -236,6 +238,26 @@ def _add_table(spec: mujoco.MjSpec, size: float, physics: PhysicsConfig) -> None
         conaffinity=_HAND_BIT | _OBJECT_BIT,
         rgba=[0.75, 0.72, 0.68, 1],
     )
+
+
+def _light(spec: mujoco.MjSpec) -> None:
+    """Lamps, a pale sky and a hand that is not black: for pictures only."""
+    for position in ([0.8, -0.8, 1.6], [-1.0, 0.6, 1.4]):
+        towards = -np.array(position) / np.linalg.norm(position)
+        light = spec.worldbody.add_light(pos=position, dir=towards, diffuse=[0.5, 0.5, 0.5])
+        light.castshadow = position[0] > 0
+    spec.add_texture(
+        name="sky",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=[1.0, 1.0, 1.0],
+        rgb2=[0.85, 0.9, 0.95],
+        width=64,
+        height=384,
+    )
+    spec.visual.headlight.ambient = [0.35, 0.35, 0.35]
+    for material in spec.materials:
+        material.rgba = [0.35, 0.38, 0.42, 1.0]
 
 
 _COLOURS = [

@@ -1,0 +1,106 @@
+"""Grasps to be executed in a scene, wherever they come from; selection of K of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from dmfc.config.execution import ExecutionConfig
+from dmfc.geometry.points import farthest_points
+from dmfc.grasps.grasp_set import GraspSet
+from dmfc.hand.model import HandModel
+from dmfc.scenes.labels import grasps_in_scene
+from dmfc.scenes.scene_set import Scene
+from dmfc.training.predict import PredictedGrasps
+
+
+@dataclass(frozen=True)
+class GraspCandidates:
+    """n grasps of a scene, world frame, float64."""
+
+    position: np.ndarray
+    """[n, 3] palm origin, metres."""
+    rotation: np.ndarray
+    """[n, 3, 3] R_world_palm."""
+    joints: np.ndarray
+    """[n, D] rad."""
+    confidence: np.ndarray
+    """[n] in [0, 1]."""
+    object_index: np.ndarray
+    """[n] the object of the scene that is to be grasped."""
+
+    def __len__(self) -> int:
+        return len(self.position)
+
+    def __getitem__(self, rows: np.ndarray) -> GraspCandidates:
+        return GraspCandidates(*(getattr(self, entry.name)[rows] for entry in fields(self)))
+
+    def T_world_palm(self, row: int) -> np.ndarray:
+        """[4, 4]."""
+        T = np.eye(4)
+        T[:3, :3], T[:3, 3] = self.rotation[row], self.position[row]
+        return T
+
+
+def from_labels(scene: Scene, grasps: Mapping[str, GraspSet], hand: HandModel) -> GraspCandidates:
+    """The planner row: the scene's labels, with their robustness as confidence."""
+    found = grasps_in_scene(
+        scene.object_ids,
+        scene.T_world_object,
+        scene.grasp_object,
+        scene.grasp_index,
+        grasps,
+        hand.palm_reference,
+    )
+    names = [scene.object_ids[k] for k in scene.grasp_object]
+    rows = zip(names, scene.grasp_index, strict=True)
+    confidence = np.array([grasps[name].robustness[row] for name, row in rows])
+    order = np.argsort(found.object_index, kind="stable")
+    assert (order == np.arange(len(order))).all()
+    return GraspCandidates(
+        found.position, found.rotation, found.joints, confidence, found.object_index
+    )
+
+
+def from_prediction(scene: Scene, predicted: PredictedGrasps) -> GraspCandidates:
+    """A model's row; the target is the object that the seed point lies on."""
+    return GraspCandidates(
+        predicted.position,
+        predicted.rotation,
+        predicted.joints,
+        predicted.confidence,
+        scene.point_object[predicted.seed_index].astype(np.int64),
+    )
+
+
+def at_random(scene: Scene, hand: HandModel, config: ExecutionConfig) -> GraspCandidates:
+    """The random row: uniform orientations and joint angles, near random points of the cloud."""
+    generator = np.random.default_rng([config.seed, scene.scene])
+    count = 512
+    seeds = generator.integers(len(scene.points), size=count)
+    direction = generator.normal(size=(count, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    radius = config.random_offset * generator.uniform(size=(count, 1)) ** (1 / 3)
+    return GraspCandidates(
+        position=scene.points[seeds] + radius * direction,
+        rotation=Rotation.random(count, random_state=generator).as_matrix(),
+        joints=generator.uniform(hand.lower, hand.upper, (count, hand.dofs)),
+        confidence=np.ones(count),
+        object_index=scene.point_object[seeds].astype(np.int64),
+    )
+
+
+def select(candidates: GraspCandidates, config: ExecutionConfig) -> GraspCandidates:
+    """At most K: those of enough confidence, spread by farthest point sampling of palm positions.
+
+    The first is the most confident. Ties keep their order.
+    """
+    rows = np.argsort(-candidates.confidence, kind="stable")
+    rows = rows[candidates.confidence[rows] >= config.min_confidence]
+    if len(rows) > config.grasps_per_scene:
+        spread = farthest_points(candidates.position[rows], config.grasps_per_scene)
+        rows = rows[spread]
+    return candidates[rows]

@@ -1,0 +1,104 @@
+"""Where the palm and the fingers are to be at any time of a trial: named phases."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+from dmfc.config.execution import ExecutionConfig
+from dmfc.hand.description import HandDescription
+
+
+@dataclass(frozen=True)
+class Phase:
+    """A straight, smooth motion of palm and fingers."""
+
+    name: str
+    seconds: float
+    T_start: np.ndarray
+    """[4, 4] T_world_palm."""
+    T_end: np.ndarray
+    joints_start: np.ndarray
+    """[D] commanded angles, rad."""
+    joints_end: np.ndarray
+
+    def commands(self, timestep: float) -> tuple[np.ndarray, np.ndarray]:
+        """Palm poses [n, 7] (x y z qw qx qy qz) and joints [n, D] of every step.
+
+        Minimum-jerk in time: 10 s^3 - 15 s^4 + 6 s^5.
+        """
+        steps = max(1, round(self.seconds / timestep))
+        s = np.arange(1, steps + 1) / steps
+        s = s**3 * (10 - 15 * s + 6 * s**2)
+        ends = Rotation.from_matrix(np.stack([self.T_start[:3, :3], self.T_end[:3, :3]]))
+        quaternion = Slerp([0.0, 1.0], ends)(s).as_quat(scalar_first=True)
+        start, end = self.T_start[:3, 3], self.T_end[:3, 3]
+        position = start + s[:, None] * (end - start)
+        joints = self.joints_start + s[:, None] * (self.joints_end - self.joints_start)
+        return np.concatenate([position, quaternion], axis=1), joints
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """The poses that a trial passes through, and the phases between them."""
+
+    T_rest: np.ndarray
+    T_raised: np.ndarray
+    T_pregrasp: np.ndarray
+    T_grasp: np.ndarray
+    T_lifted: np.ndarray
+    opened: np.ndarray
+    """[D] rad, before the fingers close."""
+    closed: np.ndarray
+    """[D] rad, the grasp."""
+    phases: list[Phase]
+
+
+def plan_trajectory(
+    T_grasp: np.ndarray,
+    joints: np.ndarray,
+    hand: HandDescription,
+    dof_range: np.ndarray,
+    config: ExecutionConfig,
+) -> Trajectory:
+    """Resting pose, above the pre-grasp, pre-grasp, grasp, close, squeeze, lift, hold.
+
+    T_grasp: T_world_palm [4, 4]; joints: [D] rad; dof_range: [D, 2], to which all are clamped.
+    """
+    lower, upper = dof_range.T
+    joints = np.clip(joints, lower, upper)
+    flexion = hand.flexion_direction
+    normal = T_grasp[:3, :3] @ np.array(hand.palm_normal)
+    T_pregrasp = _moved(T_grasp, -config.pregrasp_distance * normal)
+    rise = max(0.0, config.rest_height - T_grasp[2, 3])
+    T_lifted = _moved(T_grasp, np.array([0.0, 0.0, rise]))
+    T_raised = T_pregrasp.copy()
+    T_raised[2, 3] = max(config.rest_height, T_pregrasp[2, 3])
+    T_rest = np.eye(4)
+    T_rest[:3, :3] = T_grasp[:3, :3]
+    T_rest[2, 3] = T_raised[2, 3]
+    opened = np.clip(joints - config.pregrasp_opening * flexion, lower, upper)
+    squeezed = np.clip(joints + config.squeeze * flexion, lower, upper)
+    legs = [
+        ("raise", config.raise_time, T_raised, opened),
+        ("descend", config.descend_time, T_pregrasp, opened),
+        ("approach", config.approach_time, T_grasp, opened),
+        ("close", config.close_time, T_grasp, squeezed),
+        ("squeeze", config.squeeze_time, T_grasp, squeezed),
+        ("lift", config.lift_time, T_lifted, squeezed),
+        ("hold", config.hold_time, T_lifted, squeezed),
+    ]
+    phases = []
+    T, angles = T_rest, opened
+    for name, seconds, T_end, angles_end in legs:
+        phases.append(Phase(name, seconds, T, T_end, angles, angles_end))
+        T, angles = T_end, angles_end
+    return Trajectory(T_rest, T_raised, T_pregrasp, T_grasp, T_lifted, opened, joints, phases)
+
+
+def _moved(T: np.ndarray, shift: np.ndarray) -> np.ndarray:
+    moved = T.copy()
+    moved[:3, 3] += shift
+    return moved

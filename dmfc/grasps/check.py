@@ -1,0 +1,95 @@
+"""The check of a label: does the closed hand hold the floating object, whichever way is down?
+
+The object is pinned while the fingers close on it, so that a label says where contact is and not
+where a free object would have rolled. Then it is released, and gravity is turned through the six
+directions of the palm's axes, in one simulation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from dmfc.config.grasps import GraspsConfig
+from dmfc.physics.world import World
+
+_DIRECTIONS = np.concatenate([np.eye(3), -np.eye(3)])
+_GRAVITY = 9.81
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the simulation said of one candidate."""
+
+    held: bool
+    penetration: float
+    """Deepest hand-object penetration once the fingers had closed, metres."""
+    contacts: int
+    """Links of the hand that touched the object then."""
+
+
+def check(
+    world: World, T_object_palm: np.ndarray, joints: np.ndarray, config: GraspsConfig
+) -> Verdict:
+    """Close to `joints` [D] and beyond, as execution does; release; turn gravity.
+
+    `world` has the object alone, no table, and can hold it.
+    """
+    model, data = world.model, world.data
+    timestep = model.opt.timestep
+    model.opt.gravity[:] = 0.0
+    world.reset()
+    world.place_object(0, np.eye(4))
+    world.hold(0, True)
+    lower, upper = world.dof_range.T
+    flexion = world.hand.flexion_direction
+    opened = np.clip(joints - config.opening * flexion, lower, upper)
+    target = np.clip(joints + config.squeeze * flexion, lower, upper)
+    world.place_palm(T_object_palm, opened)
+    steps = round(config.close_time / timestep)
+    for step in range(steps):
+        world.drive_joints(opened + min(1.0, 1.5 * (step + 1) / steps) * (target - opened))
+        mujoco.mj_step(model, data)
+    penetration, contacts = _touch(world)
+    held = contacts >= 2 and penetration <= config.max_penetration
+    if held:
+        world.hold(0, False)
+        held = _hangs(world, config, timestep)
+    return Verdict(held, penetration, contacts)
+
+
+def _hangs(world: World, config: GraspsConfig, timestep: float) -> bool:
+    """Settle, then turn gravity; stops as soon as the object has slipped."""
+    model, data = world.model, world.data
+    start = np.linalg.inv(world.palm_pose()) @ world.object_pose(0)
+    phases = [(np.zeros(3), config.settle_time)]
+    phases += [(_GRAVITY * direction, config.gravity_time) for direction in _DIRECTIONS]
+    look = 25
+    for gravity, seconds in phases:
+        model.opt.gravity[:] = gravity
+        for first in range(0, round(seconds / timestep), look):
+            mujoco.mj_step(model, data, min(look, round(seconds / timestep) - first))
+            if world.diverged() or _slipped(world, start, config):
+                return False
+    return _touch(world)[1] >= 2
+
+
+def _slipped(world: World, start: np.ndarray, config: GraspsConfig) -> bool:
+    now = np.linalg.inv(world.palm_pose()) @ world.object_pose(0)
+    centre = np.append(world.objects[0].com, 1.0)
+    turn = np.arccos(np.clip((np.trace(start[:3, :3].T @ now[:3, :3]) - 1) / 2, -1, 1))
+    slip = np.linalg.norm((now - start)[:3] @ centre)
+    return bool(slip > config.max_slip or turn > config.max_turn)
+
+
+def _touch(world: World) -> tuple[float, int]:
+    """Deepest hand-object penetration, metres, and the number of links that touch."""
+    owners, gaps = world.contacts()
+    touching = (owners.min(axis=1) == -2) & (owners.max(axis=1) == 0) if len(owners) else []
+    if not np.any(touching):
+        return 0.0, 0
+    geoms = world.data.contact.geom[touching]
+    hand_geoms = geoms[owners[touching] == -2]
+    return float(-gaps[touching].min()), len(np.unique(world.model.geom_bodyid[hand_geoms]))

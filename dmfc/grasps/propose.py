@@ -1,0 +1,233 @@
+"""Candidates: palm poses guided by the surface, backed off until free, fingers closed on it.
+
+No simulation here: signed distances of points on the hand decide where a hand fits and where each
+finger meets the object, for a whole batch at once. What looks like a grasp goes to the check.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from dmfc.config.grasps import GraspsConfig
+from dmfc.hand.description import HandDescription
+from dmfc.hand.kinematics import HandKinematics
+from dmfc.hand.model import HandModel
+from dmfc.objects.model import ObjectModel
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """B hands that touch the object. Object frame; float64."""
+
+    position: np.ndarray
+    """[B, 3] palm origin, metres."""
+    rotation: np.ndarray
+    """[B, 3, 3] R_object_palm."""
+    preshape: np.ndarray
+    """[B, D] rad, before the fingers close; free of the object."""
+    joints: np.ndarray
+    """[B, D] rad, each finger closed until it touches; one that never does stays open."""
+    touching: np.ndarray
+    """[B, F] bool, fingers that touch."""
+
+    def __len__(self) -> int:
+        return len(self.position)
+
+    def __getitem__(self, rows: np.ndarray) -> Candidates:
+        return Candidates(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
+
+
+class Proposer:
+    """Draws candidates for one object and one hand."""
+
+    def __init__(
+        self,
+        model: ObjectModel,
+        hand: HandModel,
+        description: HandDescription,
+        config: GraspsConfig,
+    ) -> None:
+        self.description = description
+        self.model, self.hand, self.config = model, hand, config
+        self.kinematics = HandKinematics(hand)
+        self.finger_of_dof, self.finger_of_link = fingers(hand)
+        stride = max(1, len(hand.collision_points) // config.proposal_points)
+        self.points = np.arange(0, len(hand.collision_points), stride)
+
+    def draw(self, count: int, generator: np.random.Generator) -> Candidates:
+        """At most `count` candidates: those that fit and that at least two fingers close on."""
+        support = self._supports(count, generator)
+        position, rotation = self._palms(support, generator)
+        preshape = self._preshapes(count, generator)
+        position, free = self._back_off(position, rotation, preshape, support)
+        position, rotation, preshape = position[free], rotation[free], preshape[free]
+        if not len(position):
+            nothing = np.zeros((0, self.finger_of_dof.max() + 1), dtype=bool)
+            return Candidates(position, rotation, preshape, preshape, nothing)
+        joints, touching = self._close(position, rotation, preshape)
+        closed = Candidates(position, rotation, preshape, joints, touching)
+        return closed[(touching.sum(axis=1) >= 2) & self._above(closed, support[free])]
+
+    def _supports(self, count: int, generator: np.random.Generator) -> np.ndarray:
+        """[count, 4] planes a, b with height = a . p + b above the table, or 0 0 0 1 without one.
+
+        A share of the candidates must leave room for a table under the object in a stable pose.
+        """
+        model = self.model
+        poses = generator.choice(
+            len(model.stable_heights), size=count, p=model.stable_probabilities
+        )
+        planes = np.concatenate(
+            [model.stable_rotations[poses, 2], model.stable_heights[poses, None]], axis=1
+        )
+        planes[generator.uniform(size=count) >= self.config.table_share] = [0.0, 0.0, 0.0, 1.0]
+        return planes
+
+    def _palms(
+        self, support: np.ndarray, generator: np.random.Generator
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Palm poses that look at a random surface point along about its inward normal."""
+        config, hand, count = self.config, self.hand, len(support)
+        rows = self._targets(support, generator)
+        target = self.model.surface_points[rows].astype(np.float64)
+        tilt = generator.normal(0.0, config.approach_tilt, (count, 3))
+        approach = -self.model.surface_normals[rows].astype(np.float64) + tilt
+        approach /= np.linalg.norm(approach, axis=1, keepdims=True)
+        fingers_to = np.cross(approach, generator.normal(size=(count, 3)))
+        fingers_to /= np.linalg.norm(fingers_to, axis=1, keepdims=True)
+        axis = self._finger_axis()
+        rotation = _frames(approach, fingers_to) @ _frames(hand.palm_normal, axis).T
+        # The target lies somewhere between the palm's centre and the roots of the fingers.
+        ahead = generator.uniform(*config.palm_shift, (count, 1)) * axis
+        reference = hand.palm_reference + ahead
+        gap = generator.uniform(*config.palm_gap, (count, 1))
+        return target - gap * approach - np.einsum("bij,bj->bi", rotation, reference), rotation
+
+    def _targets(self, support: np.ndarray, generator: np.random.Generator) -> np.ndarray:
+        """[B] surface points that do not look down on the table."""
+        normals = self.model.surface_normals
+        rows = generator.integers(len(normals), size=(8, len(support)))
+        down = np.einsum("kbi,bi->kb", normals[rows], support[:, :3]) < -0.3
+        return rows[np.argmin(down, axis=0), np.arange(len(support))]
+
+    def _above(self, closed: Candidates, support: np.ndarray) -> np.ndarray:
+        """[B] whether the closed and the opened hand keep off the table."""
+        opened = closed.joints - self.config.opening * self.hand.flexion
+        opened = np.clip(opened, self.hand.lower, self.hand.upper)
+        above = np.ones(len(closed), dtype=bool)
+        for joints in (closed.joints, opened):
+            at = self._place(closed.position, closed.rotation, joints)
+            above &= _heights(at, support).min(axis=1) > 0.0
+        return above
+
+    def _finger_axis(self) -> np.ndarray:
+        """[3] the direction from the palm's centre to the finger tips of the straight hand."""
+        hand = self.hand
+        T = self.kinematics.forward(torch.zeros(1, hand.dofs, dtype=torch.float64))[0].numpy()
+        tips = T[:, :3, 3] - hand.palm_reference
+        axis = tips[np.argmax(np.linalg.norm(tips, axis=1))]
+        axis = axis - (axis @ hand.palm_normal) * hand.palm_normal
+        return axis / np.linalg.norm(axis)
+
+    def _preshapes(self, count: int, generator: np.random.Generator) -> np.ndarray:
+        """Open hands drawn from the description's ranges, the fingers of a hand flexed alike."""
+        lower, upper = self.description.preshape_range.T
+        alike = generator.uniform(size=(count, 1))
+        own = generator.uniform(size=(count, len(lower)))
+        mixed = np.where(self.hand.flexion != 0, 0.7 * alike + 0.3 * own, own)
+        return np.clip(lower + mixed * (upper - lower), self.hand.lower, self.hand.upper)
+
+    def _back_off(
+        self,
+        position: np.ndarray,
+        rotation: np.ndarray,
+        preshape: np.ndarray,
+        support: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Move each hand back along its palm normal until it is free; also [B] whether it is."""
+        steps = np.arange(0.0, self.config.back_off + 1e-9, self.config.back_off_step)
+        at = self._place(position, rotation, preshape)
+        back = -np.einsum("bij,j->bi", rotation, self.hand.palm_normal)
+        free = np.zeros(len(position), dtype=bool)
+        shift = np.zeros(len(position))
+        for step in steps:
+            todo = np.flatnonzero(~free)
+            moved = at[todo] + step * back[todo, None]
+            is_above = _heights(moved, support[todo]).min(axis=1) > 0.0
+            todo, moved = todo[is_above], moved[is_above]
+            now = todo[self.model.sdf.distance(moved).max(axis=1) < -self.config.clearance]
+            free[now], shift[now] = True, step
+        return position + shift[:, None] * back, free
+
+    def _close(
+        self, position: np.ndarray, rotation: np.ndarray, preshape: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Close every finger until it touches: joints [B, D] and touching [B, F].
+
+        A finger that never touches stays as it was.
+        """
+        config, hand = self.config, self.hand
+        finger = self.finger_of_link[hand.collision_link[self.points]]
+        count = self.finger_of_dof.max() + 1
+        touching = np.zeros((len(position), count), dtype=bool)
+        closed = np.zeros((len(position), count))
+        before = np.full((len(position), count), -np.inf)
+        step = config.close_range / config.close_steps
+        for fraction in step * np.arange(config.close_steps + 1):
+            joints = np.clip(preshape + fraction * hand.flexion, hand.lower, hand.upper)
+            distance = self.model.sdf.distance(self._place(position, rotation, joints))
+            for f in range(count):
+                depth = distance[:, finger == f].max(axis=1)
+                hit = (depth > 0.0) & ~touching[:, f]
+                # Where the distance, linear between two steps, crosses zero.
+                last = before[hit, f]
+                share = np.where(np.isfinite(last), depth[hit] / (depth[hit] - last), 0.0)
+                closed[hit, f] = fraction - step * share
+                touching[:, f] |= hit
+                before[:, f] = depth
+        amount = np.where(self.finger_of_dof >= 0, closed[:, self.finger_of_dof], 0.0)
+        return np.clip(preshape + amount * hand.flexion, hand.lower, hand.upper), touching
+
+    def _place(self, position: np.ndarray, rotation: np.ndarray, joints: np.ndarray) -> np.ndarray:
+        """[B, p, 3] the proposal's points on the hand, object frame."""
+        return self._hand_points(joints) @ np.swapaxes(rotation, 1, 2) + position[:, None]
+
+    def _hand_points(self, joints: np.ndarray) -> np.ndarray:
+        """[B, p, 3] the proposal's points on the hand, palm frame."""
+        hand = self.hand
+        T = self.kinematics.forward(torch.from_numpy(joints)).numpy()
+        T = T[:, hand.collision_link[self.points]]
+        local = hand.collision_points[self.points]
+        return np.einsum("bpij,pj->bpi", T[..., :3, :3], local) + T[..., :3, 3]
+
+
+def _frames(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """[..., 3] x 2, orthonormal -> [..., 3, 3] with the columns first, second, first x second."""
+    return np.stack([first, second, np.cross(first, second)], axis=-1)
+
+
+def _heights(points: np.ndarray, support: np.ndarray) -> np.ndarray:
+    """Heights [B, p] of points [B, p, 3] above planes [B, 4]."""
+    return np.einsum("bpi,bi->bp", points, support[:, :3]) + support[:, 3:]
+
+
+def fingers(hand: HandModel) -> tuple[np.ndarray, np.ndarray]:
+    """Finger of each degree of freedom [D] and of each link [L]; -1 for the palm.
+
+    A finger is a subtree that hangs on the palm.
+    """
+    finger_of_link = np.full(hand.links, -1)
+    count = 0
+    for link in range(1, hand.links):
+        parent = hand.parents[link]
+        if parent == 0:
+            finger_of_link[link], count = count, count + 1
+        else:
+            finger_of_link[link] = finger_of_link[parent]
+    finger_of_dof = np.full(hand.dofs, -1)
+    moved = hand.joint_dof >= 0
+    finger_of_dof[hand.joint_dof[moved]] = finger_of_link[moved]
+    return finger_of_dof, finger_of_link
