@@ -159,7 +159,7 @@ def _train(ctx: StageContext, stage: Literal["pretrain", "finetune"], weights: P
     hand, objects = _hand(ctx), _Objects(ctx.input_list("objects"))
     grasps = _grasp_sets(ctx.input_list("grasps"))
     if not any(len(found) for found in grasps.values()):
-        raise DmfcError("no training object has a grasp: raise grasps.max_candidates")
+        raise DmfcError("no training object has a grasp: raise grasps.max_checks")
     data = SceneData(
         ctx.config["scenes"],
         ctx.config["matching"],
