@@ -13,3 +13,13 @@ def shadow_hand_dir() -> Path:
     from dmfc.assets import pull
 
     return pull("shadow_hand")
+
+
+@pytest.fixture(scope="session")
+def empty_database(tmp_path_factory):
+    """MLflow's tables without a run: making them takes seconds, copying them does not."""
+    from mlflow.tracking import MlflowClient
+
+    path = tmp_path_factory.mktemp("mlflow") / "mlflow.db"
+    MlflowClient(f"sqlite:///{path}").search_experiments()
+    return path

@@ -10,7 +10,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from omegaconf import OmegaConf
+from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from dmfc.config.plain_yaml import parse_yaml, read_yaml
@@ -35,17 +35,21 @@ def load_config(preset: str | None = None, overrides: Sequence[str] = ()) -> Con
 
 def build_config(overlays: Iterable[Overlay]) -> Config:
     """The defaults with each overlay merged over them in order."""
-    merged = OmegaConf.structured(Config)
-    for where, values in overlays:
-        tree = _tree(values, where)
-        try:
-            merged = OmegaConf.merge(merged, tree)
-        except OmegaConfBaseException as error:
-            raise _one_line(error, where, tree) from error
+    trees = [(where, _tree(values, where)) for where, values in overlays]
+    try:
+        merged = OmegaConf.merge(_schema(), *(tree for _, tree in trees))
+    except OmegaConfBaseException:
+        raise _culprit(trees) from None
     try:
         return typing.cast(Config, OmegaConf.to_object(merged))
     except (OmegaConfBaseException, ValueError, TypeError) as error:
         raise _one_line(error, "settings", {}) from error
+
+
+@cache
+def _schema() -> DictConfig:
+    """The defaults as OmegaConf has them; making them takes longer than all the rest."""
+    return OmegaConf.structured(Config)
 
 
 def parse_override(text: str) -> Overlay:
@@ -156,6 +160,16 @@ def _assign(root: dict[str, Any], key: str, value: Any, where: str) -> None:
     if last in root:
         raise DmfcError(f"{where}: '{key}' is given twice")
     root[last] = value
+
+
+def _culprit(trees: Sequence[tuple[str, dict[str, Any]]]) -> DmfcError:
+    """The error of the first overlay that cannot be merged by itself."""
+    for where, tree in trees:
+        try:
+            OmegaConf.merge(_schema(), tree)
+        except OmegaConfBaseException as error:
+            return _one_line(error, where, tree)
+    return DmfcError("the settings contradict each other")
 
 
 def _one_line(error: Exception, where: str, tree: dict[str, Any]) -> DmfcError:

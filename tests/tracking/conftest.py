@@ -44,16 +44,6 @@ class FinishedSweep:
         write_table(self.ledger, self.table, collect(self.ledger, self.description, failures))
 
 
-@pytest.fixture(scope="session")
-def empty_database(tmp_path_factory):
-    """MLflow's tables without a run: making them takes seconds, copying them does not."""
-    from mlflow.tracking import MlflowClient
-
-    path = tmp_path_factory.mktemp("mlflow") / "mlflow.db"
-    MlflowClient(f"sqlite:///{path}").search_experiments()
-    return path
-
-
 @pytest.fixture
 def finished(tmp_path, empty_database):
     sweep = FinishedSweep(tmp_path)

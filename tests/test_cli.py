@@ -1,0 +1,249 @@
+"""The command: what it prints, what it writes, and how it fails."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from dmfc import cli
+from dmfc.sweep import selection
+from dmfc.sweep.kinds import KINDS
+from dmfc.sweep.pools import LocalPool
+
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE / "sweep"))
+
+from fake_science import FAKES, fake_refs  # noqa: E402  # shared with the tests of the engine
+
+VERBS = [
+    ["doctor"], ["assets", "list"], ["assets", "pull"], ["assets", "verify"], ["objects", "list"],
+    ["objects", "prepare"], ["grasps", "plan"], ["grasps", "stats"], ["scenes", "make"],
+    ["scenes", "stats"], ["train"], ["evaluate"], ["sweep"], ["tables"], ["ui"],
+]  # fmt: skip
+
+
+@pytest.fixture
+def dmfc(capsys, monkeypatch):
+    """Runs `dmfc ...` in this process; gives (status, standard output, standard error)."""
+
+    def call(*arguments: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["dmfc", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            cli.main()
+        out, err = capsys.readouterr()
+        status = ended.value.code
+        return (status if isinstance(status, int) else 0), out, err
+
+    return call
+
+
+@pytest.fixture
+def no_science(monkeypatch, tmp_path, empty_database):
+    """All stages without their science, run in this process."""
+    for name, fake in FAKES.items():
+        monkeypatch.setitem(KINDS, name, fake)
+    monkeypatch.setattr(selection, "list_refs", fake_refs)
+    monkeypatch.setattr("dmfc.sweep.engine.RayPool", LocalPool)
+    (tmp_path / "mlflow").mkdir()
+    shutil.copy(empty_database, tmp_path / "mlflow")
+
+
+@pytest.mark.parametrize("verb", VERBS, ids=" ".join)
+def test_every_verb_has_help(dmfc, verb):
+    status, out, _ = dmfc(*verb, "--help")
+    assert status == 0
+    assert "Usage: dmfc" in out
+    if verb[0] in ("sweep", "train", "evaluate", "scenes", "grasps"):
+        for option in ("--preset", "--set", "--store", "--json"):
+            assert option in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "part"),
+    [
+        (["sweep", "tabel1"], "did you mean 'table1'"),
+        (["sweep", "table1", "--preset", "smok"], "did you mean 'smoke'"),
+        (["train", "--set", "losses.weights.colision=1"], "losses.weights.collision"),
+        (["train", "--set", "training.batch_size=x"], "training.batch_size"),
+        (["train", "--stage", "pretrian"], "did you mean 'pretrain'"),
+        (["evaluate", "--model", "plannner"], "did you mean 'planner'"),
+        (["scenes", "make", "--split", "tset"], "did you mean 'test'"),
+        (["objects", "prepare", "ycp:mug"], "ycb"),
+        (["objects", "prepare", "folder:/nowhere/mesh.stl"], "/nowhere/mesh.stl"),
+        (["train", "--set", "objects.train=[]"], "objects.train selects no object"),
+        (["assets", "pull", "ycbb"], "did you mean 'ycb'"),
+        (["tables"], "no sweeps in the store"),
+        (["ui"], "no runs in the store"),
+    ],
+)
+def test_a_mistake_is_one_line_and_status_one(dmfc, tmp_path, arguments, part):
+    store = [] if arguments[0] == "assets" else ["--store", tmp_path / "store"]
+    status, out, err = dmfc(*arguments, *store)
+    assert status == 1
+    assert out == ""
+    assert err.startswith("error: ")
+    assert err.count("\n") == 1
+    assert part in err
+    assert "Traceback" not in err
+
+
+def test_wrong_usage_is_status_two(dmfc):
+    status, _, err = dmfc("sweep", "table1", "--presett", "smoke")
+    assert status == 2
+    assert "--preset" in err
+    assert "Traceback" not in err
+
+
+def test_an_unexpected_error_is_one_line_unless_debugging(dmfc, monkeypatch, capsys):
+    def broken(*_):
+        raise RuntimeError("first line\nsecond line")
+
+    monkeypatch.setattr("dmfc.report.collect.list_sweeps", broken)
+    status, _, err = dmfc("tables")
+    assert status == 1
+    assert err == "error: unexpected RuntimeError: first line (add --debug for the traceback)\n"
+    monkeypatch.setattr(sys, "argv", ["dmfc", "tables", "--debug"])
+    with pytest.raises(RuntimeError):
+        cli.main()
+
+
+def test_a_sweep_from_file_to_table(dmfc, no_science, tmp_path, monkeypatch):
+    arguments = ("sweep", "table1", "--preset", "smoke", "--store", tmp_path, "--json")
+    status, out, err = dmfc(*arguments)
+    assert status == 0, err
+    first = json.loads(out)
+    assert first["id"].startswith("table1-")
+    assert list(first["cells"]) == [
+        "pretrained", "collision", "guidance", "q1_upper", "all", "planner", "random",
+    ]  # fmt: skip
+    cell = first["cells"]["all"]
+    assert [address.split("/")[0] for address in cell["stages"]][:2] == ["pretrain", "finetune"]
+    assert cell["rates"]["overall"]["n"] == cell["trials"]
+    assert cell["paper"]["overall"] == [0.56, 0.02]
+    assert first["stages_run"] > 10
+    for name in ("table.md", "table.csv", "table.tex", "table.json", "trials.parquet"):
+        assert (Path(first["folder"]) / name).is_file()
+
+    def forbidden(*_):
+        raise AssertionError("started though all is done")
+
+    monkeypatch.setattr("dmfc.sweep.engine.RayPool", forbidden)
+    monkeypatch.setattr("dmfc.tracking.project._Writer", forbidden)
+    status, out, _ = dmfc(*arguments)
+    second = json.loads(out)
+    assert status == 0
+    assert second["stages_run"] == 0
+    assert second["cells"] == first["cells"]
+
+    status, out, _ = dmfc(*arguments[:-1])
+    assert status == 0
+    assert "Table I: one object, random pose (smoke)" in out
+    assert "planner (ceiling)" in out
+    assert "0.56 ± 0.02" in out
+
+    status, out, _ = dmfc("tables", "table1", "--store", tmp_path, "--json")
+    assert json.loads(out)[0]["cells"]["all"]["rates"] == cell["rates"]
+
+    status, out, _ = dmfc(*arguments, "--dry-run")
+    listed = json.loads(out)
+    assert {stage["done"] for stage in listed["stages"]} == {True}
+    status, out, _ = dmfc(*arguments, "--dry-run", "--set", "execution.min_confidence=0.3")
+    kinds = {kind["kind"]: kind for kind in json.loads(out)["kinds"]}
+    assert kinds["evaluate"]["done"] == 0
+    assert kinds["finetune"]["done"] == kinds["finetune"]["stages"] == 4
+
+
+def test_a_dry_run_writes_nothing(dmfc, no_science, tmp_path):
+    status, out, _ = dmfc("sweep", "table2", "--preset", "smoke", "--store", tmp_path, "--dry-run")
+    assert status == 0
+    assert "pretrained" in out
+    assert [path.name for path in tmp_path.iterdir()] == ["mlflow"]
+
+
+def test_a_failed_cell_is_told_and_the_others_stand(dmfc, no_science, tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text(
+        "cells:\n  good: {model: pretrained}\n"
+        "  bad: {model: finetuned, set: {losses.weights.guidance: 13}}\n"
+    )
+    status, out, _ = dmfc("sweep", path, "--preset", "smoke", "--store", tmp_path, "--json")
+    assert status == 1
+    answer = json.loads(out)
+    assert "not finite" in answer["cells"]["bad"]["failure"]
+    assert answer["cells"]["bad"]["rates"]["overall"]["value"] == 0.0
+    assert answer["cells"]["good"]["failure"] is None
+
+
+def test_two_sweeps_in_one_call_share_stages(dmfc, no_science, tmp_path):
+    status, out, _ = dmfc(
+        "sweep", "table1", "table2", "--preset", "smoke", "--store", tmp_path, "--json"
+    )
+    assert status == 0
+    names = [entry["name"] for entry in json.loads(out)["sweeps"]]
+    assert names == ["table1", "table2"]
+    assert len(list((tmp_path / "stages" / "object").iterdir())) == 4
+
+
+def test_evaluate_and_train_run_what_they_need(dmfc, no_science, tmp_path):
+    options = ("--preset", "smoke", "--store", tmp_path, "--json")
+    status, out, _ = dmfc("evaluate", "--model", "planner", *options)
+    assert status == 0
+    assert json.loads(out)["rates"]["valid"]["value"] == 1.0
+    status, out, _ = dmfc("train", "--stage", "pretrain", *options)
+    assert [line["epoch"] for line in json.loads(out)["metrics"]] == [0, 1]
+
+
+def test_ctrl_c_prints_the_line_that_resumes(tmp_path):
+    """A real process and a real signal, between two slow stages."""
+    code = (
+        "import sys; sys.path.insert(0, {here!r})\n"
+        "import trivial_graph\n"
+        "from dmfc import cli_common, cli\n"
+        "from dmfc.sweep import engine, pools\n"
+        "from dmfc.sweep.ledger import Ledger\n"
+        "from dmfc.config.schema import Config\n"
+        "from pathlib import Path\n"
+        "engine.RayPool, engine.kind_of = pools.LocalPool, lambda n, k: trivial_graph.TRIVIAL[n]\n"
+        "stages = [trivial_graph.trivial('slow', f's{{i}}', i, seconds=1) for i in range(20)]\n"
+        "sys.argv = ['dmfc', 'sweep', 'my sweep.yaml']\n"
+        "cli_common.run_shown(stages, Ledger(Path({store!r})), Config())\n"
+    ).format(here=str(HERE / "sweep"), store=str(tmp_path))
+    process = subprocess.Popen(
+        [sys.executable, "-c", code],
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=HERE.parent,
+        env={**os.environ, "PYTHONPATH": str(HERE.parent)},
+    )
+    end = time.monotonic() + 60
+    while not list(tmp_path.glob("stages/slow/*/stage.json")) and time.monotonic() < end:
+        time.sleep(0.1)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=60)
+    assert "Go on with:\n  dmfc sweep 'my sweep.yaml'" in err
+    done = len(list(tmp_path.glob("stages/slow/*/stage.json")))
+    assert 1 <= done < 20
+
+
+def test_doctor_answers_a_machine(dmfc, tmp_path):
+    status, out, _ = dmfc("doctor", "--store", tmp_path, "--json")
+    checks = {row["check"]: row for row in json.loads(out)}
+    assert checks["python"]["state"] == "ok"
+    assert {"torch", "mujoco", "ray", "processor", "pack ycb"} <= set(checks)
+    assert status == int(any(row["state"] == "bad" for row in checks.values()))
+
+
+def test_completion_for_shells(dmfc, monkeypatch):
+    monkeypatch.setenv("_DMFC_COMPLETE", "complete_bash")
+    monkeypatch.setenv("COMP_WORDS", "dmfc swe")
+    monkeypatch.setenv("COMP_CWORD", "1")
+    _, out, _ = dmfc()
+    assert "sweep" in out
