@@ -7,6 +7,7 @@ Camera frame: x right, y down, z forward (the depth). Pixel (row, column) has it
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -37,9 +38,14 @@ class Camera:
     def rays(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
         """World directions [n, 3] of pixels [n], scaled so that position + depth * ray is the point
         at that depth."""
-        x = (columns + 0.5 - self.width / 2) / self.focal
-        y = (rows + 0.5 - self.height / 2) / self.focal
-        return np.stack([x, y, np.ones_like(x)], axis=-1) @ self.T_world_camera[:3, :3].T
+        return self.grid[rows, columns] @ self.T_world_camera[:3, :3].T
+
+    @cached_property
+    def grid(self) -> np.ndarray:
+        """[H, W, 3] directions of all pixels in the camera frame, of depth 1."""
+        y, x = np.indices((self.height, self.width)) + 0.5
+        x, y = (x - self.width / 2) / self.focal, (y - self.height / 2) / self.focal
+        return np.stack([x, y, np.ones_like(x)], axis=-1)
 
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Image coordinates (u right, v down) [..., 2], pixels, and depth [...] of world points."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -32,28 +31,61 @@ class Labels:
     """Reason (one of `REASONS`) -> labels lost."""
 
 
-class HandPoints:
-    """The hand's collision points at an object's grasps, in the object's frame; the last used are
-    kept (about 24 kB per grasp)."""
+class HandAtGrasps:
+    """Link poses of the hand at the grasps of objects, kept by object (3 kB per grasp)."""
 
-    def __init__(self, hand: HandModel, kept: int = 16) -> None:
+    def __init__(self, hand: HandModel) -> None:
         self._kinematics = HandKinematics(hand)
-        self._kept = kept
-        self._points: OrderedDict[str, np.ndarray] = OrderedDict()
+        self._kept: dict[str, np.ndarray] = {}
+        present = np.unique(hand.collision_link)
+        self._pieces = [_Piece(int(i), hand) for i in present]
 
-    def at(self, grasps: GraspSet) -> np.ndarray:
-        """[n, P, 3] float32 at the n grasps of a set."""
-        key = grasps.object_id
-        if key not in self._points:
-            T_object_palm = torch.as_tensor(grasps.T_object_palm, dtype=torch.float32)
-            joints = torch.as_tensor(grasps.joints, dtype=torch.float32)
+    def links(self, grasps: GraspSet) -> np.ndarray:
+        """T_object_link [n, L, 4, 4] at the n grasps of a set."""
+        if grasps.object_id not in self._kept:
+            T_object_palm = torch.as_tensor(grasps.T_object_palm)
             with torch.no_grad():
-                points = self._kinematics.collision_points(T_object_palm, joints)
-            self._points[key] = points.numpy()
-            if len(self._points) > self._kept:
-                self._points.popitem(last=False)
-        self._points.move_to_end(key)
-        return self._points[key]
+                links = self._kinematics.links(T_object_palm, torch.as_tensor(grasps.joints))
+            self._kept[grasps.object_id] = links.numpy()
+        return self._kept[grasps.object_id]
+
+    def lowest(self, T_world_link: np.ndarray) -> np.ndarray:
+        """z of the lowest collision point of hands with links at [n, L, 4, 4]: [n]."""
+        lowest = [
+            (T_world_link[:, p.link, 2, :3] @ p.points.T).min(1) + T_world_link[:, p.link, 2, 3]
+            for p in self._pieces
+        ]
+        return np.min(lowest, axis=0)
+
+    def deepest(self, T_object_link: np.ndarray, model: ObjectModel) -> np.ndarray:
+        """Depth in an object of the deepest collision point of hands with links at [n, L, 4, 4] in
+        its frame: [n], metres; -inf where no point comes within the object's bounds."""
+        deepest = np.full(len(T_object_link), -np.inf)
+        low, high = model.vertices.min(0), model.vertices.max(0)
+        found: list[tuple[np.ndarray, np.ndarray]] = []
+        for piece in self._pieces:
+            T = T_object_link[:, piece.link]
+            centre = T[:, :3, :3] @ piece.centre + T[:, :3, 3]
+            outside = centre - np.clip(centre, low, high)
+            rows = np.flatnonzero((outside**2).sum(1) <= piece.radius**2)
+            if len(rows):
+                points = transforms.apply(T[rows], piece.points).reshape(-1, 3)
+                near = _within(points, low, high)
+                found.append((rows[near // len(piece.points)], points[near]))
+        if found:
+            rows, points = (np.concatenate(values) for values in zip(*found, strict=True))
+            np.maximum.at(deepest, rows, model.sdf.distance(points))
+        return deepest
+
+
+class _Piece:
+    """The collision points of one link, and a ball around them; link frame."""
+
+    def __init__(self, link: int, hand: HandModel) -> None:
+        self.link = link
+        self.points = hand.collision_points[hand.collision_link == link]
+        self.centre = (self.points.min(0) + self.points.max(0)) / 2
+        self.radius = np.linalg.norm(self.points - self.centre, axis=1).max()
 
 
 def surviving_labels(
@@ -61,7 +93,7 @@ def surviving_labels(
     models: Sequence[ObjectModel],
     T_world_object: np.ndarray,
     grasps: Mapping[str, GraspSet],
-    hand: HandPoints,
+    hand: HandAtGrasps,
 ) -> Labels:
     """Labels of all objects of a scene whose hand is clear of the table and of the other objects.
 
@@ -76,11 +108,15 @@ def surviving_labels(
         if own is None or len(own) == 0:
             continue
         order = np.argsort(-own.robustness, kind="stable")
-        points = hand.at(own)
-        is_clear = _table_depth(points, T_world_object[index]) <= config.clearance
+        T_world_link = T_world_object[index] @ hand.links(own)[order]
+        is_clear = -hand.lowest(T_world_link) <= config.clearance
         dropped["table"] += int((~is_clear).sum())
-        order = order[is_clear[order]]
-        depth = _neighbour_depth(points[order], index, models, T_world_object)
+        order, T_world_link = order[is_clear], T_world_link[is_clear]
+        depth = np.full(len(order), -np.inf)
+        for other, neighbour in enumerate(models):
+            if other != index and len(order):
+                T_other_link = transforms.inverse(T_world_object[other]) @ T_world_link
+                depth = np.maximum(depth, hand.deepest(T_other_link, neighbour))
         dropped["neighbour"] += int((depth > config.clearance).sum())
         order = order[depth <= config.clearance]
         dropped["limit"] += max(0, len(order) - config.max_grasps)
@@ -93,31 +129,10 @@ def surviving_labels(
     )
 
 
-def _table_depth(points: np.ndarray, T_world_object: np.ndarray) -> np.ndarray:
-    """How far the lowest of points [n, P, 3] (object frame) is below z = 0: [n], metres."""
-    up, height = T_world_object[2, :3].astype(np.float32), T_world_object[2, 3]
-    return -(points @ up).min(1) - height
-
-
-def _neighbour_depth(
-    points: np.ndarray, index: int, models: Sequence[ObjectModel], T_world_object: np.ndarray
-) -> np.ndarray:
-    """Deepest of points [n, P, 3] of object `index`'s frame within any other object: [n], metres.
-
-    Zero or less is clear; points outside a neighbour's bounds are not looked up.
-    """
-    deepest = np.full(len(points), -np.inf)
-    for other, model in enumerate(models):
-        if other == index or len(points) == 0:
-            continue
-        T = transforms.inverse(T_world_object[other]) @ T_world_object[index]
-        low, high = model.vertices.min(0), model.vertices.max(0)
-        rotation, shift = T[:3, :3].T.astype(np.float32), T[:3, 3].astype(np.float32)
-        local = points.reshape(-1, 3) @ rotation + shift
-        is_near = np.ones(len(local), dtype=bool)
-        for axis in range(3):
-            is_near &= (local[:, axis] >= low[axis]) & (local[:, axis] <= high[axis])
-        near = np.flatnonzero(is_near)
-        depth = model.sdf.distance(local[near])
-        np.maximum.at(deepest, near // points.shape[1], depth)
-    return deepest
+def _within(points: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Indices of the points [n, 3] in the box low..high [3], axis after axis."""
+    near = np.arange(len(points))
+    for axis in range(3):
+        values = points[near, axis]
+        near = near[(values >= low[axis]) & (values <= high[axis])]
+    return near

@@ -16,7 +16,7 @@ from dmfc.hand.model import HandModel
 from dmfc.objects.model import ObjectModel
 from dmfc.scenes.cameras import table_cameras
 from dmfc.scenes.cloud import fuse_views
-from dmfc.scenes.labels import REASONS, HandPoints, Labels, surviving_labels
+from dmfc.scenes.labels import REASONS, HandAtGrasps, Labels, surviving_labels
 from dmfc.scenes.layout import choose_objects, make_layout
 from dmfc.scenes.placement import CollisionWorld
 from dmfc.scenes.render import Renderer, View, open_renderer
@@ -141,7 +141,7 @@ class SceneMaker:
         self.renderer: Renderer = open_renderer(config.cameras.renderer)
         self._grasps = grasps
         self._world = CollisionWorld()
-        self._hand = HandPoints(hand) if hand is not None else None
+        self._hand = HandAtGrasps(hand) if hand is not None else None
 
     def make(self, number: int) -> Scene:
         """Scene `number` of the set: the same whatever was made before."""

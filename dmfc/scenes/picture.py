@@ -83,7 +83,7 @@ def _space(figure: Figure, place: tuple[int, int, int], title: str) -> Any:
     axes: Any = figure.add_subplot(*place, projection="3d")
     axes.set_title(title, fontsize=9)
     axes.set(xlim=(-0.25, 0.25), ylim=(-0.25, 0.25), zlim=(0, 0.4))
-    axes.set_box_aspect((5, 5, 4))
+    axes.set_box_aspect((5, 5, 4), zoom=1.3)
     axes.view_init(elev=30, azim=-50)
     axes.tick_params(labelsize=6)
     return axes

@@ -67,13 +67,14 @@ class CollisionWorld:
 def overlap(a: ObjectModel, T_world_a: np.ndarray, b: ObjectModel, T_world_b: np.ndarray) -> float:
     """Depth, metres, of the surface points of each object within the other; 0 or less: apart."""
     T_b_a = transforms.inverse(T_world_b) @ T_world_a
-    depth = []
-    for points, grid, T in (
-        (a.surface_points, b.sdf, T_b_a),
-        (b.surface_points, a.sdf, transforms.inverse(T_b_a)),
-    ):
-        depth.append(grid.distance(transforms.apply(T, points.astype(np.float64))).max())
-    return float(max(depth))
+    return max(_depth(a, b, T_b_a), _depth(b, a, transforms.inverse(T_b_a)))
+
+
+def _depth(a: ObjectModel, b: ObjectModel, T_b_a: np.ndarray) -> float:
+    """Depth of the surface points of a in b; those beyond b's grid are outside."""
+    points = transforms.apply(T_b_a, a.surface_points.astype(np.float64))
+    near = ((points >= b.sdf.origin) & (points <= b.sdf.upper)).all(1)
+    return float(b.sdf.distance(points[near]).max(initial=-np.inf))
 
 
 def _touch(a: _Placed, b: _Placed) -> bool:

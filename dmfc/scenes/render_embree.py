@@ -51,9 +51,9 @@ class EmbreeRenderer:
         for index, model in enumerate(objects):
             corners = transforms.apply(T_world_object[index], model.vertices)
             for camera, view in zip(cameras, views, strict=True):
-                pixels = _pixels_around(camera, corners)
-                if pixels is not None:
-                    self._cast(model, T_world_object[index], index, camera, view, *pixels)
+                window = _window_around(camera, corners)
+                if window is not None:
+                    self._cast(model, T_world_object[index], index, camera, view, window)
         return views
 
     def close(self) -> None:
@@ -66,23 +66,23 @@ class EmbreeRenderer:
         index: int,
         camera: Camera,
         view: View,
-        rows: np.ndarray,
-        columns: np.ndarray,
+        window: tuple[slice, slice],
     ) -> None:
-        """Draw one object into a view, where it is nearer than what is there."""
-        rotation = T_world_object[:3, :3]
-        origin = (camera.position - T_world_object[:3, 3]) @ rotation
-        directions = (camera.rays(rows, columns) @ rotation).astype(np.float32)
-        origins = np.broadcast_to(origin.astype(np.float32), directions.shape)
-        hits = self._scene(model).run(np.ascontiguousarray(origins), directions, output=True)
-        depth = hits["tfar"]
-        old = view.depth[rows, columns]
-        is_seen = (hits["primID"] >= 0) & ((old == 0) | (depth < old))
-        rows, columns = rows[is_seen], columns[is_seen]
-        view.depth[rows, columns] = depth[is_seen]
-        view.object_index[rows, columns] = index
+        """Draw one object into a window of a view, where it is nearer than what is there."""
         assert view.face is not None
-        view.face[rows, columns] = hits["primID"][is_seen]
+        R_object_world = T_world_object[:3, :3].T
+        origin = R_object_world @ (camera.position - T_world_object[:3, 3])
+        R_object_camera = R_object_world @ camera.T_world_camera[:3, :3]
+        directions = camera.grid[window] @ R_object_camera.T
+        directions = directions.reshape(-1, 3).astype(np.float32)
+        origins = np.tile(origin.astype(np.float32), (len(directions), 1))
+        hits = self._scene(model).run(origins, directions, output=True)
+        old = view.depth[window]
+        depth, face = hits["tfar"].reshape(old.shape), hits["primID"].reshape(old.shape)
+        is_seen = (face >= 0) & ((old == 0) | (depth < old))
+        np.copyto(old, depth, where=is_seen)
+        np.copyto(view.object_index[window], np.int16(index), where=is_seen)
+        np.copyto(view.face[window], face, where=is_seen)
 
     def _empty(self, camera: Camera, table_size: float) -> View:
         """A fresh view of the empty table; its depth is kept, for cameras stay where they are."""
@@ -122,16 +122,14 @@ def _table_view(camera: Camera, table_size: float) -> View:
     )
 
 
-def _pixels_around(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """Rows and columns [n] of the bounding rectangle of world points; None if out of the image."""
+def _window_around(camera: Camera, points: np.ndarray) -> tuple[slice, slice] | None:
+    """Rows and columns of the bounding rectangle of world points [n, 3]; None: out of the image."""
     image, depth = camera.project(points)
-    if depth.min() <= 0:  # partly behind the camera: the rectangle is not bounded by its corners
-        left, top, right, bottom = 0, 0, camera.width, camera.height
-    else:
-        left, top = np.floor(image.min(0)).astype(int).clip(0)
-        right = min(int(np.ceil(image[:, 0].max())), camera.width)
-        bottom = min(int(np.ceil(image[:, 1].max())), camera.height)
+    if depth.min() <= 0:  # partly behind the camera: no rectangle bounds it
+        return slice(0, camera.height), slice(0, camera.width)
+    left, top = np.floor(image.min(0)).astype(int).clip(0)
+    right = min(int(np.ceil(image[:, 0].max())), camera.width)
+    bottom = min(int(np.ceil(image[:, 1].max())), camera.height)
     if left >= right or top >= bottom:
         return None
-    rows, columns = np.mgrid[top:bottom, left:right].reshape(2, -1)
-    return rows, columns
+    return slice(top, bottom), slice(left, right)

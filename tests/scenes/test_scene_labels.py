@@ -14,7 +14,7 @@ from dmfc.config.scenes import MatchingConfig, ScenesConfig
 from dmfc.geometry import transforms
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.scenes.carry import grasps_in_scene
-from dmfc.scenes.labels import HandPoints, surviving_labels
+from dmfc.scenes.labels import HandAtGrasps, surviving_labels
 from dmfc.scenes.matching import match_grasps, positive_rates
 from dmfc.scenes.stats import scene_stats, stats_rows
 
@@ -97,7 +97,7 @@ def test_dropped_labels_are_those_in_collision(scenes, objects, grasps, hand):
     kinematics = HandKinematics(hand)
     for scene in scenes[:2]:
         models = [objects[name] for name in scene.object_ids]
-        labels = surviving_labels(config, models, scene.T_world_object, grasps, HandPoints(hand))
+        labels = surviving_labels(config, models, scene.T_world_object, grasps, HandAtGrasps(hand))
         kept = set(zip(labels.grasp_object.tolist(), labels.grasp_index.tolist(), strict=True))
         expected, table, neighbour = set(), 0, 0
         for index, model in enumerate(models):
@@ -140,7 +140,7 @@ def test_the_most_robust_are_kept(objects, grasps, hand):
     high = np.eye(4)[None].copy()
     high[0, 2, 3] = 1.0
     config = ScenesConfig(max_grasps=5)
-    labels = surviving_labels(config, [model], high, grasps, HandPoints(hand))
+    labels = surviving_labels(config, [model], high, grasps, HandAtGrasps(hand))
     assert (labels.grasp_index == np.argsort(-own.robustness)[:5]).all()
     assert labels.dropped == {"table": 0, "neighbour": 0, "limit": len(own) - 5}
 
@@ -153,7 +153,7 @@ def test_clearance_allows_some_penetration(objects, hand):
     dropped = []
     for clearance in (0.0, 0.01, 1.0):
         config = dataclasses.replace(ScenesConfig(), clearance=clearance)
-        labels = surviving_labels(config, [model], stands, grasps, HandPoints(hand))
+        labels = surviving_labels(config, [model], stands, grasps, HandAtGrasps(hand))
         dropped.append(labels.dropped["table"])
     assert dropped[0] > dropped[1] > dropped[2] == 0
 
@@ -161,7 +161,7 @@ def test_clearance_allows_some_penetration(objects, hand):
 def test_objects_without_grasps_have_no_labels(objects, hand):
     models = list(objects.values())[:2]
     T = np.tile(np.eye(4), (2, 1, 1))
-    labels = surviving_labels(ScenesConfig(), models, T, {}, HandPoints(hand))
+    labels = surviving_labels(ScenesConfig(), models, T, {}, HandAtGrasps(hand))
     assert len(labels.grasp_index) == 0
     own = grasps_in_scene([m.id for m in models], T, *[labels.grasp_index] * 2, {}, np.zeros(3))
     assert own.position.shape == (0, 3)
