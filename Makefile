@@ -34,7 +34,7 @@ test-all: install
 	$(BIN)/python -m pytest
 
 bench: install
-	$(BIN)/python -m pytest tests/benchmarks --benchmark-only
+	$(BIN)/python -m pytest tests/benchmarks/bench_*.py --benchmark-only
 
 lint: install
 	$(BIN)/ruff check .

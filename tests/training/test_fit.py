@@ -173,7 +173,8 @@ def test_negatives_can_be_pushed_down(tmp_path):
     confidence = {}
     for negatives in ("ignore", "push_down"):
         training = dataclasses.replace(base, negatives=negatives)
-        config = with_epochs(dataclasses.replace(CONFIG, training=training), "pretrain", 25)
+        config = dataclasses.replace(CONFIG, training=training)
+        config = with_epochs(config, "pretrain", 15, learning_rate=5e-3)
         run(tmp_path / negatives, config=config)
         net = load_network(tmp_path / negatives / "pretrain", toy_hand())
         scene = toy_scene(0)
@@ -182,7 +183,7 @@ def test_negatives_can_be_pushed_down(tmp_path):
         seeds = np.argsort(scene["seed_index"].numpy())
         positive = scene["match"].any(1).numpy()[seeds]
         confidence[negatives] = found.confidence[order][~positive].mean()
-    assert confidence["push_down"] < confidence["ignore"] - 0.1
+    assert confidence["push_down"] < confidence["ignore"] - 0.2
 
 
 def test_prediction_is_of_world_frame_grasps(tmp_path):
@@ -222,6 +223,6 @@ def test_weights_of_another_hand_or_none_are_errors(tmp_path):
 
 
 def test_training_imports_without_orchestration():
-    absent = ["ray", "mlflow", "mujoco", "trimesh", "matplotlib", "coacd", "pandas"]
+    absent = ["ray", "mlflow", "mujoco", "trimesh", "coacd", "pandas"]
     code = f"import sys; sys.modules.update(dict.fromkeys({absent})); import dmfc.training.fit"
     subprocess.run([sys.executable, "-c", code], check=True)  # None there: importing it fails
