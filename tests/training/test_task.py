@@ -1,0 +1,124 @@
+"""The task loss of each stage: its terms, its ranking, and the measures beside it."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+
+from dmfc.config.losses import LossConfig, LossWeights, Q1Config
+from dmfc.config.training import TrainingConfig
+from dmfc.geometry.rotations import matrix_from_6d, sixd_from_matrix
+from dmfc.network.model import Prediction
+from dmfc.training.candidates import Candidates
+from dmfc.training.measures import label_errors
+from dmfc.training.module import GraspTraining
+from dmfc.training.task import Task, thinned
+from dmfc.training.weights import new_network
+from tests.training.toy import NETWORK, toy_atlas, toy_batch, toy_hand
+
+LOSSES = LossConfig(weights=LossWeights(1.0, 10.0, 1.0, 0.5, 1.0), q1=Q1Config(directions=64))
+
+
+def task(stage="finetune", losses=LOSSES, rank_points=0) -> Task:
+    return Task(stage, losses, toy_hand(), toy_atlas(), rank_points)
+
+
+def prediction() -> tuple[Prediction, dict[str, torch.Tensor]]:
+    torch.manual_seed(0)
+    batch = toy_batch()
+    return new_network(NETWORK, toy_hand())(batch["points"], batch["seed_index"]), batch
+
+
+def test_pretraining_is_chamfer_at_labelled_seeds_whatever_the_weights():
+    predicted, batch = prediction()
+    weights = dataclasses.replace(LOSSES.weights, chamfer=0.0)
+    stage = task("pretrain", dataclasses.replace(LOSSES, weights=weights))
+    rows = stage.candidates(predicted, batch)
+    assert len(rows) == batch["match"].any(-1).sum()
+    terms = stage.terms(rows, batch)
+    assert list(terms) == ["chamfer"]
+    torch.testing.assert_close(stage.total(terms), rows.chamfer)
+
+
+def test_chamfer_of_rows_equals_a_loop_over_labels():
+    predicted, batch = prediction()
+    rows = Candidates.of(predicted, batch, joint_weight=0.5)
+    for row in range(0, len(rows), 5):
+        scene, seed = divmod(row, 32)
+        distances = [
+            (predicted.position[scene, seed] - batch["grasp_position"][scene, g]).square().sum()
+            + (rows.rotation6d[row] - sixd_from_matrix(batch["grasp_rotation"][scene, g]))
+            .square()
+            .sum()
+            + 0.5 * (rows.joints[row] - batch["grasp_joints"][scene, g]).square().sum()
+            for g in batch["match"][scene, seed].nonzero()[:, 0].tolist()
+        ]
+        assert bool(rows.positive[row]) == bool(distances)
+        expected = min(distances) if distances else torch.tensor(0.0)
+        torch.testing.assert_close(rows.chamfer[row], expected)
+
+
+def test_exact_ranking_is_the_task_loss():
+    predicted, batch = prediction()
+    stage = task()
+    rows = stage.candidates(predicted, batch)
+    assert len(rows) == 4 * 32
+    errors = stage.errors(rows, batch)
+    assert not errors.requires_grad
+    torch.testing.assert_close(errors, stage.total(stage.terms(rows, batch)))
+
+
+def test_cheap_ranking_picks_most_of_the_same():
+    predicted, batch = prediction()
+    exact, cheap = task(), task(rank_points=20)
+    rows = exact.candidates(predicted, batch)
+    picked = [set(t.errors(rows, batch).topk(32).indices.tolist()) for t in (exact, cheap)]
+    assert len(picked[0] & picked[1]) >= 28
+
+
+def test_the_hardest_alone_get_gradients():
+    _, batch = prediction()
+    module = GraspTraining(new_network(NETWORK, toy_hand()), task(), TrainingConfig(), None)
+    predicted = module.net(batch["points"], batch["seed_index"])
+    rows = module.task.candidates(predicted, batch)
+    chosen = module._hardest(rows, batch)
+    error = module.task.errors(rows, batch)
+    assert len(chosen) == 64
+    expected = sorted(error.tolist(), reverse=True)[:64]
+    assert module.task.errors(chosen, batch).tolist() == pytest.approx(expected, rel=1e-4)
+
+
+def test_a_thinned_hand_keeps_points_of_every_link():
+    hand = thinned(toy_hand(), 20)
+    assert len(hand.collision_points) == len(hand.collision_link) == 20
+    assert set(hand.collision_link) == {0, 1, 2}
+    np.testing.assert_array_equal(hand.collision_points, toy_hand().collision_points[::3])
+
+
+def test_label_errors_are_in_the_units_they_say():
+    _, batch = prediction()
+    label = batch["match"].float().argmax(-1)
+    row = torch.arange(4)[:, None]
+    turn = torch.tensor(0.1)
+    about_z = matrix_from_6d(
+        torch.stack([turn.cos(), turn.sin(), turn * 0]),
+        torch.stack([-turn.sin(), turn.cos(), turn * 0]),
+    )
+    seeds = batch["points"][row, batch["seed_index"]]
+    position = batch["grasp_position"][row, label] + torch.tensor([0.0, 0.003, 0.004])
+    shifted = Prediction(
+        seed_index=batch["seed_index"],
+        seeds=seeds,
+        offset=position - seeds,
+        rotation6d=sixd_from_matrix(about_z @ batch["grasp_rotation"][row, label]),
+        joints=batch["grasp_joints"][row, label] + 0.02,
+        logit=torch.zeros(4, 32),
+    )
+    errors = label_errors(shifted, batch, 1.0)
+    assert len(errors["translation_mm"]) == batch["match"].any(-1).sum()
+    torch.testing.assert_close(errors["translation_mm"].median().item(), 5.0, rtol=1e-3, atol=0)
+    torch.testing.assert_close(errors["rotation_deg"].median().item(), 5.7296, rtol=1e-3, atol=0)
+    torch.testing.assert_close(errors["joints_deg"].median().item(), 1.1459, rtol=1e-3, atol=0)
