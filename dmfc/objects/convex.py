@@ -11,6 +11,8 @@ from dmfc.config.objects import PrepareConfig
 from dmfc.objects.mesh import CleanMesh, from_manifold, to_manifold
 
 _MIN_PART_VOLUME = 1e-9
+_SINGLE_VERTICES = 256
+"""Most vertices of the hull of a nearly convex object: within 0.5 mm of a large ball."""
 _SIMPLIFY = 0.0007
 """Metres by which the surface may move before the decomposition: the time of CoACD goes with the
 number of faces, and its cutting planes follow every bump of a scan."""
@@ -25,7 +27,7 @@ def convex_parts(mesh: CleanMesh, config: PrepareConfig) -> list[np.ndarray]:
     vertices, faces, solid = _simplified(mesh)
     hull = ConvexHull(vertices)
     if mesh.trimesh.volume >= config.convex_single * hull.volume:
-        return [_thinned(vertices[hull.vertices], config.convex_vertices)]
+        return [_thinned(vertices[hull.vertices], _SINGLE_VERTICES)]
     coacd.set_log_level("error")
     pieces = coacd.run_coacd(
         coacd.Mesh(vertices, faces),

@@ -18,7 +18,7 @@ def mass_properties(
     """
     if mesh.closed:
         exact = mesh.trimesh
-        volume, com, unit_inertia = exact.volume, exact.center_mass, exact.moment_inertia
+        volume, com, unit_inertia = float(exact.volume), exact.center_mass, exact.moment_inertia
     else:
         volume, com, unit_inertia = _voxel_properties(sdf)
     mass = known_mass if known_mass is not None else min(density * volume, max_mass)
@@ -31,7 +31,7 @@ def _voxel_properties(sdf: Grid) -> tuple[float, np.ndarray, np.ndarray]:
     com = points.mean(axis=0)
     offsets = points - com
     second = offsets.T @ offsets + np.eye(3) * len(points) * sdf.spacing**2 / 12
-    cell = sdf.spacing**3
+    cell = float(sdf.spacing**3)
     return len(points) * cell, com, (np.trace(second) * np.eye(3) - second) * cell
 
 

@@ -77,7 +77,7 @@ def clean(mesh: trimesh.Trimesh, name: str) -> CleanMesh:
         )
     mesh = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
     mesh.merge_vertices(merge_norm=True, merge_tex=True)
-    mesh.update_faces(mesh.nondegenerate_faces(height=1e-9) & mesh.unique_faces())
+    _drop_degenerate(mesh)
     mesh.remove_unreferenced_vertices()
     if len(mesh.faces) < 4:
         raise DmfcError(f"object '{name}': its mesh has no volume (fewer than four proper faces)")
@@ -90,7 +90,7 @@ def clean(mesh: trimesh.Trimesh, name: str) -> CleanMesh:
     closed = _closed(mesh.faces)
     if closed:
         mesh = _united(mesh, notes)
-    if mesh.volume < 0:
+    if _volume(mesh) < 0:
         mesh.invert()
         notes.append("turned inside out")
     _require_volume(mesh, name)
@@ -125,7 +125,7 @@ def _united(mesh: trimesh.Trimesh, notes: list[str]) -> trimesh.Trimesh:
     bodies = [body for body in mesh.split(only_watertight=False) if _closed(body.faces)]
     if len(bodies) < 2 or sum(len(body.faces) for body in bodies) != len(mesh.faces):
         return mesh
-    if any(body.volume <= 0 for body in bodies):
+    if any(_volume(body) <= 0 for body in bodies):
         return mesh
     solids = [to_manifold(body) for body in bodies]
     proper = [solid for solid in solids if solid is not None]
@@ -136,10 +136,25 @@ def _united(mesh: trimesh.Trimesh, notes: list[str]) -> trimesh.Trimesh:
     return trimesh.Trimesh(*from_manifold(union), process=False)
 
 
+def _drop_degenerate(mesh: trimesh.Trimesh) -> None:
+    """Drop faces without area and doubled ones; of a closed mesh only those that name a vertex
+    twice, because it would not stay closed without the slivers."""
+    a, b, c = mesh.faces.T
+    mesh.update_faces((a != b) & (b != c) & (c != a))
+    if not _closed(mesh.faces):
+        mesh.update_faces(mesh.nondegenerate_faces(height=1e-9) & mesh.unique_faces())
+
+
 def _require_volume(mesh: trimesh.Trimesh, name: str) -> None:
-    extents = np.ptp(mesh.vertices, axis=0)
-    if extents.min() < 1e-5 or not mesh.volume > 1e-4 * np.prod(extents) or mesh.volume < 1e-9:
-        raise DmfcError(f"object '{name}': its mesh has no volume ({mesh.volume:.3g} m^3)")
+    extents, volume = np.ptp(mesh.vertices, axis=0), _volume(mesh)
+    if extents.min() < 1e-5 or volume < max(1e-4 * np.prod(extents), 1e-9):
+        raise DmfcError(f"object '{name}': its mesh has no volume ({volume:.3g} m^3)")
+
+
+def _volume(mesh: trimesh.Trimesh) -> float:
+    """Signed volume, m^3 (sum of tetrahedra to the centroid of the vertices)."""
+    a, b, c = np.moveaxis(mesh.vertices[mesh.faces] - mesh.vertices.mean(axis=0), 1, 0)
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
 
 
 def _closed(faces: np.ndarray) -> bool:

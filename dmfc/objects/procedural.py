@@ -13,13 +13,13 @@ from collections.abc import Callable
 import manifold3d
 import numpy as np
 import trimesh
+from manifold3d import Manifold as Solid
 
 from dmfc.errors import unknown_name
 from dmfc.objects.mesh import from_manifold
 
 VERSION = 1
 """Raised when a shape of any number changes."""
-Solid = manifold3d.Manifold
 _SEGMENTS = 48
 
 
@@ -235,10 +235,9 @@ def _swept(rings: np.ndarray) -> Solid:
     i, j = np.meshgrid(np.arange(r - 1), np.arange(n), indexing="ij")
     a, b = i * n + j, i * n + (j + 1) % n
     sides = np.stack([a, b, b + n, a, b + n, a + n], axis=-1).reshape(-1, 3)
-    j = np.arange(n)
-    start = np.stack([np.full(n, r * n), (j + 1) % n, j], axis=-1)
-    last = (r - 1) * n
-    end = np.stack([np.full(n, r * n + 1), last + j, last + (j + 1) % n], axis=-1)
+    one, following = np.arange(n), (np.arange(n) + 1) % n
+    start = np.stack([np.full(n, r * n), following, one], axis=-1)
+    end = np.stack([np.full(n, r * n + 1), one + (r - 1) * n, following + (r - 1) * n], axis=-1)
     faces = np.concatenate([sides, start, end])
     if trimesh.Trimesh(vertices, faces, process=False).volume < 0:
         faces = faces[:, ::-1]

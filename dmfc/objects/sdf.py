@@ -74,11 +74,11 @@ def _inside(
 ) -> np.ndarray:
     """Which nodes are inside, [nx, ny, nz] bool.
 
-    Two neighbouring nodes that are both further than half a spacing from a closed surface lie on
+    Two neighbouring nodes that are both more than half a spacing from a closed surface lie on
     the same side of it: one winding number per connected region of such nodes is enough.
     """
     inside = np.zeros(distance.shape, dtype=bool)
-    far = distance > spacing / 2 if closed else np.zeros(distance.shape, dtype=bool)
+    far = distance > 0.51 * spacing if closed else np.zeros(distance.shape, dtype=bool)
     near = np.argwhere(~far)
     inside[tuple(near.T)] = _winding(lower + spacing * near, vertices, faces) > 0.5
     labels, count = ndimage.label(far)

@@ -1,0 +1,138 @@
+"""Selectors, sources and generated shapes. The packs' own files are replaced by small folders."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dmfc.errors import DmfcError
+from dmfc.objects import procedural, sources
+from dmfc.objects.mesh import clean
+from dmfc.objects.sources import YCB_TEST, find_object, list_objects
+
+
+@pytest.fixture
+def pretend_packs(tmp_path, monkeypatch):
+    """Folders laid out like the packs, with boxes for meshes."""
+    box = trimesh.creation.box((4, 5, 6))
+    ycb, household, random = (tmp_path / name for name in ("ycb", "household", "random"))
+    ycb.mkdir()
+    for number, name in enumerate(YCB_TEST):
+        mark = "-" if name.endswith("cups") else "_"
+        box.copy().apply_scale(0.01).export(ycb / f"{number:03d}{mark}{name}.stl")
+    box.copy().apply_scale(0.01).export(ycb / "030_fork.stl")
+    for name in ("hammer", "hand"):
+        (household / name).mkdir(parents=True)
+        box.copy().apply_scale(0.01).export(household / name / f"{name}_head.stl")
+        box.copy().apply_scale(0.01).export(household / name / "contact0.stl")
+    for name in ("000", "001", "168", "002"):
+        (random / name).mkdir(parents=True)
+        box.export(random / name / f"{name}.obj")
+    monkeypatch.setattr(sources, "pull", lambda name: tmp_path / name)
+
+
+def ids(*selectors: str) -> list[str]:
+    return [source.id for source in list_objects(selectors)]
+
+
+def test_pack_selectors(pretend_packs):
+    assert ids("ycb:test") == [f"ycb/{name}" for name in YCB_TEST]
+    assert len(ids("ycb")) == 17
+    assert ids("ycb:mug", "ycb/mug", "ycb/c_cups") == ["ycb/mug", "ycb/c_cups"]
+    assert ids("household") == ["household/hammer"]
+    assert ids("random") == ["random/000", "random/001", "random/002"]
+    assert ids("random:2") == ["random/000", "random/001"]
+    assert ids("random/002") == ["random/002"]
+    assert find_object("ycb:c_cups").mass == 0.017
+    assert find_object("ycb:fork").mass is None
+    np.testing.assert_allclose(find_object("ycb:mug").load().extents, [0.04, 0.05, 0.06], rtol=1e-5)
+    np.testing.assert_allclose(find_object("random/000").load().extents, [0.06, 0.075, 0.09])
+    digests = {source.digest for source in list_objects(["ycb", "random", "household"])}
+    assert len(digests) == 21
+
+
+@pytest.mark.parametrize(
+    ("selector", "message"),
+    [
+        ("ycb:mugg", "did you mean 'mug'"),
+        ("yc", "unknown object source 'yc'; did you mean 'ycb'"),
+        ("random:4", "only 3 objects"),
+        ("random:0", "selects no object"),
+        ("procedural", "needs a number"),
+        ("procedural:bottl-0002", "unknown procedural object"),
+        ("procedural:3?form=2", "from=NUMBER"),
+        ("folder:/nowhere/at/all", "does not exist"),
+        ("folder:/tmp?unit=foot", "unit="),
+    ],
+)
+def test_wrong_selectors(pretend_packs, selector, message):
+    with pytest.raises(DmfcError, match=message) as info:
+        list_objects([selector])
+    assert "\n" not in str(info.value)
+
+
+def test_no_selector_is_an_error():
+    with pytest.raises(DmfcError, match="list of objects is empty"):
+        list_objects([])
+
+
+def test_procedural_selectors():
+    assert ids("procedural:3") == [
+        "procedural/box-0000",
+        "procedural/cup-0001",
+        "procedural/bottle-0002",
+    ]
+    assert ids("procedural:2?from=13") == ["procedural/cup-0013", "procedural/bottle-0014"]
+    assert ids("procedural/cup-0013") == ["procedural/cup-0013"]
+
+
+def test_folder(tmp_path):
+    box = trimesh.creation.box((40, 50, 60))
+    (tmp_path / "sub").mkdir()
+    box.export(tmp_path / "my box.stl")
+    box.export(tmp_path / "sub" / "other.obj")
+    (tmp_path / "notes.txt").write_text("no mesh")
+    found = list_objects([f"folder:{tmp_path}?unit=mm"])
+    assert [source.id for source in found] == ["folder/my-box", "folder/sub-other"]
+    np.testing.assert_allclose(found[0].load().extents, [0.04, 0.05, 0.06], rtol=1e-5)
+    assert find_object(found[0].selector).digest == found[0].digest
+    with pytest.raises(DmfcError, match="two different objects"):
+        list_objects([f"folder:{tmp_path}?unit=mm", f"folder:{tmp_path}"])
+    (tmp_path / "bad.stl").write_bytes(b"")
+    with pytest.raises(DmfcError, match=r"bad\.stl"):
+        find_object(f"folder:{tmp_path / 'bad.stl'}").load()
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    with pytest.raises(DmfcError, match="no mesh file"):
+        list_objects([f"folder:{empty}"])
+    (tmp_path / "my box.stl").unlink()
+    with pytest.raises(DmfcError, match="does not exist"):
+        found[0].load()
+
+
+@settings(max_examples=40, deadline=None)
+@given(number=st.integers(0, 5000))
+def test_generated_shapes(number):
+    name = procedural.name_of(number)
+    mesh = procedural.generate(number)
+    assert procedural.number_of(name) == number
+    assert mesh.is_watertight
+    assert mesh.body_count == 1
+    assert len(mesh.faces) <= 4000
+    assert mesh.bounds[0, 2] == pytest.approx(0, abs=1e-6)
+    np.testing.assert_allclose(mesh.bounds.mean(axis=0)[:2], 0, atol=1e-6)
+    assert mesh.extents.max() < 0.3
+    hollow = name.split("-")[0] in ("bowl", "lid", "ring", "cup", "mug")
+    assert hollow or 0.015 < np.sort(mesh.extents)[0] < 0.105
+    cleaned = clean(mesh, name)
+    assert cleaned.watertight
+    assert not cleaned.notes
+    np.testing.assert_array_equal(procedural.generate(number).vertices, mesh.vertices)
+
+
+def test_families_go_round():
+    names = [procedural.name_of(i).split("-")[0] for i in range(24)]
+    assert names[:12] == names[12:] == procedural.family_names()
