@@ -13,12 +13,12 @@ class GraspsConfig:
     max_checks: int = setting(2000, "checks in MuJoCo per object before the planner gives up")
     batch: int = setting(256, "candidates proposed at a time")
     keep: float = setting(0.25, "share of a batch, the best by Q1, that is checked in MuJoCo")
-    surplus: float = setting(1.3, "grasps found per grasp kept; those kept are spread apart")
+    surplus: float = setting(1.2, "grasps found per grasp kept; those kept are spread apart")
     seed: int = setting(0, "seed of the planner")
 
     proposal_points: int = setting(400, "points of the hand's surface that proposals look at")
     table_share: float = setting(
-        0.7, "share of candidates that leave room for a table under a stable pose of the object"
+        1.0, "share of candidates that leave room for a table under a stable pose of the object"
     )
     opening: float = setting(0.5, "rad that the fingers open before they close; as in execution")
     approach_tilt: float = setting(0.25, "spread of the approach about the surface normal")

@@ -12,7 +12,7 @@ from dmfc.config.execution import ExecutionConfig
 from dmfc.geometry.points import farthest_points
 from dmfc.grasps.grasp_set import GraspSet
 from dmfc.hand.model import HandModel
-from dmfc.scenes.labels import grasps_in_scene
+from dmfc.scenes.carry import grasps_in_scene
 from dmfc.scenes.scene_set import Scene
 from dmfc.training.predict import PredictedGrasps
 

@@ -6,7 +6,6 @@ anything but contacts and gravity.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -56,8 +55,6 @@ class Outcome:
     """Farthest that another object of the scene moved."""
     simulated: float = 0.0
     """Simulated time."""
-    wall: float = 0.0
-    """Time that it took."""
 
 
 class TrialRunner:
@@ -86,7 +83,6 @@ class TrialRunner:
         observer: Observer | None = None,
     ) -> Outcome:
         """Execute a grasp [4, 4], [D] on object `target`; `observer` is called at every look."""
-        started = time.perf_counter()
         trajectory = plan_trajectory(
             T_world_palm, joints, self.world.hand, self.world.dof_range, self.config
         )
@@ -95,7 +91,6 @@ class TrialRunner:
         outcome.planned = not outcome.reason
         if outcome.planned:
             self._execute(trajectory, target, outcome, observer)
-        outcome.wall = time.perf_counter() - started
         return outcome
 
     # ── plan ─────────────────────────────────────────────────────────────────────────────────

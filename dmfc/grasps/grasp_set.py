@@ -79,7 +79,8 @@ class GraspSet:
         cls, object_id: str, hand: str, dof_names: list[str], notes: dict[str, str] | None = None
     ) -> GraspSet:
         """No grasps at all."""
-        return cls(object_id, hand, dof_names, *(np.zeros(0) for _ in _ARRAYS), notes=notes or {})
+        arrays = {name: np.zeros(0) for name in _ARRAYS}
+        return cls(object_id, hand, dof_names, notes=notes or {}, **arrays)
 
     def save(self, path: Path) -> None:
         """Write the Parquet file; an existing one is replaced."""

@@ -101,9 +101,9 @@ class Proposer:
         axis = self._finger_axis()
         rotation = _frames(approach, fingers_to) @ _frames(hand.palm_normal, axis).T
         # The target lies somewhere between the palm's centre and the roots of the fingers.
-        ahead = generator.uniform(*config.palm_shift, (count, 1)) * axis
+        ahead = _between(config.palm_shift, count, generator) * axis
         reference = hand.palm_reference + ahead
-        gap = generator.uniform(*config.palm_gap, (count, 1))
+        gap = _between(config.palm_gap, count, generator)
         return target - gap * approach - np.einsum("bij,bj->bi", rotation, reference), rotation
 
     def _targets(self, support: np.ndarray, generator: np.random.Generator) -> np.ndarray:
@@ -202,6 +202,12 @@ class Proposer:
         T = T[:, hand.collision_link[self.points]]
         local = hand.collision_points[self.points]
         return np.einsum("bpij,pj->bpi", T[..., :3, :3], local) + T[..., :3, 3]
+
+
+def _between(limits: list[float], count: int, generator: np.random.Generator) -> np.ndarray:
+    """[count, 1] uniform between two limits."""
+    low, high = limits
+    return generator.uniform(low, high, (count, 1))
 
 
 def _frames(first: np.ndarray, second: np.ndarray) -> np.ndarray:
