@@ -19,6 +19,9 @@ class PrepareConfig:
         4_500_000, "voxels are enlarged until the grid has at most this many"
     )
     convex_threshold: float = setting(0.003, "CoACD concavity threshold, metres")
+    convex_threshold_full: float = setting(
+        0.006, "the same for objects that fill 80 % of their hull: rims and dents, no cavities"
+    )
     convex_max_parts: int = setting(32, "most convex parts of one object")
     convex_single: float = setting(
         0.97, "a mesh that fills this share of its convex hull is one convex part"
@@ -27,7 +30,7 @@ class PrepareConfig:
     convex_iterations: int = setting(30, "CoACD tree search iterations per cut")
     convex_resolution: int = setting(800, "CoACD surface samples per part")
     surface_points: int = setting(4096, "points with normals sampled on the surface")
-    stable_poses: int = setting(12, "most probable quasi-stable poses that are kept")
+    stable_poses: int = setting(6, "most probable quasi-stable poses that are kept")
     density: float = setting(400.0, "kg/m^3 of the solid, where no mass is known")
     max_mass: float = setting(1.5, "kg; no object without a known mass is heavier than this")
 

@@ -11,6 +11,8 @@ from dmfc.config.objects import PrepareConfig
 from dmfc.objects.mesh import CleanMesh, from_manifold, to_manifold
 
 _MIN_PART_VOLUME = 1e-9
+_FULL = 0.8
+"""Share of its hull that an object without a cavity fills; fewer parts simulate faster."""
 _SINGLE_VERTICES = 256
 """Most vertices of the hull of a nearly convex object: within 0.5 mm of a large ball."""
 _SIMPLIFY = 0.0007
@@ -26,12 +28,13 @@ def convex_parts(mesh: CleanMesh, config: PrepareConfig) -> list[np.ndarray]:
     """
     vertices, faces, solid = _simplified(mesh)
     hull = ConvexHull(vertices)
-    if mesh.trimesh.volume >= config.convex_single * hull.volume:
+    filled = mesh.trimesh.volume / hull.volume
+    if filled >= config.convex_single:
         return [_thinned(vertices[hull.vertices], _SINGLE_VERTICES)]
     coacd.set_log_level("error")
     pieces = coacd.run_coacd(
         coacd.Mesh(vertices, faces),
-        threshold=config.convex_threshold,
+        threshold=config.convex_threshold_full if filled > _FULL else config.convex_threshold,
         real_metric=True,
         max_convex_hull=config.convex_max_parts,
         preprocess_mode="off" if solid else "on",

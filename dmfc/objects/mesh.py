@@ -57,7 +57,10 @@ def load_mesh(paths: list[Path], scale: float = 1.0) -> trimesh.Trimesh:
         if not isinstance(part, trimesh.Trimesh) or len(part.faces) == 0:
             raise DmfcError(f"mesh file {path} holds no faces")
         parts.append(trimesh.Trimesh(part.vertices * scale, part.faces, process=False))
-    return parts[0] if len(parts) == 1 else trimesh.util.concatenate(parts)
+    joined = parts[0]
+    for part in parts[1:]:
+        joined = joined + part
+    return joined
 
 
 def clean(mesh: trimesh.Trimesh, name: str) -> CleanMesh:

@@ -17,7 +17,13 @@ from dmfc.objects.prepare import prepare
 from dmfc.objects.sdf import exact_signed_distance, signed_distance_grid
 from dmfc.objects.sources import ObjectSource, find_object
 
-CONFIG = PrepareConfig(sdf_spacing=0.002, convex_iterations=10, surface_points=1000)
+CONFIG = PrepareConfig(
+    sdf_spacing=0.002,
+    convex_threshold=0.005,
+    convex_iterations=4,
+    convex_resolution=300,
+    surface_points=1000,
+)
 BOX = (0.04, 0.06, 0.10)
 
 
