@@ -71,9 +71,11 @@ class _Writer:
     """The one writer; talks to MLflow by its client alone, so no global state is touched."""
 
     def __init__(self, ledger: Ledger, uri: str) -> None:
+        from mlflow.tracking import MlflowClient
+
+        # After the import, which sets its own level: making tables is no news to the user.
         for name in ("mlflow", "alembic"):
             logging.getLogger(name).setLevel(logging.WARNING)
-        from mlflow.tracking import MlflowClient
 
         if uri == tracking_uri(ledger):
             artifact_root(ledger).mkdir(parents=True, exist_ok=True)
