@@ -1,6 +1,6 @@
 """What the engine costs per stage: 2,000 trivial stages on Ray, and the same call again.
 
-    python tests/benchmarks/overhead.py [stages]
+python tests/benchmarks/overhead.py [stages]
 """
 
 from __future__ import annotations
@@ -35,7 +35,9 @@ def main(count: int) -> None:
         started = time.perf_counter()
         ray.init(address="local", num_cpus=2, include_dashboard=False, log_to_driver=False)
         # The first tasks wait for Ray's workers to start.
-        run_stages([trivial("add", f"w{i}", -i) for i in range(8)], ledger, Config(), kinds=TRIVIAL)
+        run_stages(
+            [trivial("add", f"w{i}", -1 - i) for i in range(8)], ledger, Config(), kinds=TRIVIAL
+        )
         print(f"Ray ready after {time.perf_counter() - started:.1f} s")
         started = time.perf_counter()
         outcomes = run_stages(targets(), ledger, Config(), kinds=TRIVIAL)
