@@ -40,4 +40,7 @@ class GraspsConfig:
     repeats: int = setting(0, "perturbed repeats of the check, for the robustness score")
     repeat_shift: float = setting(0.003, "metres, spread of the palm in a repeat")
     repeat_turn: float = setting(0.05, "rad, spread of the joints in a repeat")
+    palm_reach: float = setting(
+        0.03, "a palm ray that passes the object within this meets its nearest point, metres"
+    )
     min_distance: float = setting(0.01, "palm-pose distance of two labels, metres (1 rad = 5 cm)")

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from scipy.spatial import cKDTree
 
 from dmfc.config.grasps import GraspsConfig
 from dmfc.config.losses import Q1Config
@@ -151,7 +152,10 @@ def _select(
         rotation=rotation,
         joints=np.array([grasp.joints for grasp in chosen]),
         palm_hit=palm_hits(
-            model, position + rotation @ hand.palm_reference, rotation @ hand.palm_normal
+            model,
+            position + rotation @ hand.palm_reference,
+            rotation @ hand.palm_normal,
+            config.palm_reach,
         ),
         q1=np.array([grasp.q1 for grasp in chosen]),
         penetration=np.array([grasp.verdict.penetration for grasp in chosen]),
@@ -174,17 +178,26 @@ def _spread(pose: np.ndarray, count: int, min_distance: float) -> np.ndarray:
     return np.array(rows)
 
 
-def palm_hits(model: ObjectModel, reference: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """First point of the surface on rays [n, 3] x 2 (object frame), [n, 3]; NaN where they miss.
+def palm_hits(
+    model: ObjectModel, reference: np.ndarray, direction: np.ndarray, reach: float
+) -> np.ndarray:
+    """Where rays [n, 3] x 2 (object frame, unit directions) first meet the surface, [n, 3].
 
-    Sphere tracing in the signed-distance grid: a step as long as the distance cannot overshoot.
+    A ray that passes the object within `reach` metres is given the surface point nearest to it, and
+    NaN if it passes farther off. Sphere tracing in the signed-distance grid: a step as long as the
+    distance cannot overshoot.
     """
     travelled = np.zeros(len(reference))
-    for _ in range(100):
-        travelled += np.maximum(
-            -model.sdf.distance(reference + travelled[:, None] * direction), 0.0
-        )
-    hits = reference + travelled[:, None] * direction
-    missed = np.abs(model.sdf.distance(hits)) > 0.001
-    hits[missed] = np.nan
+    best, best_gap = np.zeros(len(reference)), np.full(len(reference), np.inf)
+    for _ in range(200):
+        gap = np.maximum(-model.sdf.distance(reference + travelled[:, None] * direction), 0.0)
+        closer = gap < best_gap
+        best[closer], best_gap[closer] = travelled[closer], gap[closer]
+        travelled += np.maximum(gap, 0.0005) * (gap > 0.0)
+    hits = reference + best[:, None] * direction
+    beside = best_gap > 0.0005
+    if beside.any():
+        rows = cKDTree(model.surface_points).query(hits[beside])[1]
+        hits[beside] = model.surface_points[rows]
+    hits[best_gap > reach] = np.nan
     return hits

@@ -51,11 +51,9 @@ class Proposer:
         config: GraspsConfig,
     ) -> None:
         self.description = description
-        self.model, self.hand, self.config = model, hand, config
-        self.kinematics = HandKinematics(hand)
+        self.model, self.hand, self.config = model, hand.thinned(config.proposal_points), config
+        self.kinematics = HandKinematics(self.hand)
         self.finger_of_dof, self.finger_of_link = fingers(hand)
-        stride = max(1, len(hand.collision_points) // config.proposal_points)
-        self.points = np.arange(0, len(hand.collision_points), stride)
 
     def draw(self, count: int, generator: np.random.Generator) -> Candidates:
         """At most `count` candidates: those that fit and that at least two fingers close on."""
@@ -126,7 +124,7 @@ class Proposer:
     def _finger_axis(self) -> np.ndarray:
         """[3] the direction from the palm's centre to the finger tips of the straight hand."""
         hand = self.hand
-        T = self.kinematics.forward(torch.zeros(1, hand.dofs, dtype=torch.float64))[0].numpy()
+        T = self.kinematics.forward(torch.zeros(1, hand.dofs))[0].numpy()
         tips = T[:, :3, 3] - hand.palm_reference
         axis = tips[np.argmax(np.linalg.norm(tips, axis=1))]
         axis = axis - (axis @ hand.palm_normal) * hand.palm_normal
@@ -170,38 +168,39 @@ class Proposer:
         A finger that never touches stays as it was.
         """
         config, hand = self.config, self.hand
-        finger = self.finger_of_link[hand.collision_link[self.points]]
-        count = self.finger_of_dof.max() + 1
-        touching = np.zeros((len(position), count), dtype=bool)
-        closed = np.zeros((len(position), count))
-        before = np.full((len(position), count), -np.inf)
+        finger = self.finger_of_link[hand.collision_link]
+        members = [np.flatnonzero(finger == f) for f in range(self.finger_of_dof.max() + 1)]
+        touching = np.zeros((len(position), len(members)), dtype=bool)
+        closed = np.zeros((len(position), len(members)))
+        before = np.full((len(position), len(members)), -np.inf)
         step = config.close_range / config.close_steps
+        rows = np.arange(len(position))
         for fraction in step * np.arange(config.close_steps + 1):
-            joints = np.clip(preshape + fraction * hand.flexion, hand.lower, hand.upper)
-            distance = self.model.sdf.distance(self._place(position, rotation, joints))
-            for f in range(count):
-                depth = distance[:, finger == f].max(axis=1)
-                hit = (depth > 0.0) & ~touching[:, f]
+            joints = np.clip(preshape[rows] + fraction * hand.flexion, hand.lower, hand.upper)
+            at = self._place(position[rows], rotation[rows], joints)
+            distance = self.model.sdf.distance(at)
+            for f, points in enumerate(members):
+                depth = distance[:, points].max(axis=1)
+                hit = (depth > 0.0) & ~touching[rows, f]
                 # Where the distance, linear between two steps, crosses zero.
-                last = before[hit, f]
+                last = before[rows[hit], f]
                 share = np.where(np.isfinite(last), depth[hit] / (depth[hit] - last), 0.0)
-                closed[hit, f] = fraction - step * share
-                touching[:, f] |= hit
-                before[:, f] = depth
+                closed[rows[hit], f] = fraction - step * share
+                touching[rows[hit], f] = True
+                before[rows, f] = depth
+            rows = rows[~touching[rows].all(axis=1)]
+            if not len(rows):
+                break
         amount = np.where(self.finger_of_dof >= 0, closed[:, self.finger_of_dof], 0.0)
         return np.clip(preshape + amount * hand.flexion, hand.lower, hand.upper), touching
 
     def _place(self, position: np.ndarray, rotation: np.ndarray, joints: np.ndarray) -> np.ndarray:
-        """[B, p, 3] the proposal's points on the hand, object frame."""
-        return self._hand_points(joints) @ np.swapaxes(rotation, 1, 2) + position[:, None]
-
-    def _hand_points(self, joints: np.ndarray) -> np.ndarray:
-        """[B, p, 3] the proposal's points on the hand, palm frame."""
-        hand = self.hand
-        T = self.kinematics.forward(torch.from_numpy(joints)).numpy()
-        T = T[:, hand.collision_link[self.points]]
-        local = hand.collision_points[self.points]
-        return np.einsum("bpij,pj->bpi", T[..., :3, :3], local) + T[..., :3, 3]
+        """[B, p, 3] the points on the hand, object frame."""
+        T = torch.eye(4).repeat(len(position), 1, 1)
+        T[:, :3, :3] = torch.as_tensor(rotation)
+        T[:, :3, 3] = torch.as_tensor(position)
+        joints = torch.as_tensor(joints, dtype=torch.float32)
+        return self.kinematics.collision_points(T, joints).numpy()
 
 
 def _between(limits: list[float], count: int, generator: np.random.Generator) -> np.ndarray:

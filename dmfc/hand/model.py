@@ -7,7 +7,7 @@ identity. Every other link turns about one axis through its own origin, or is fi
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from zipfile import BadZipFile
 
@@ -76,6 +76,15 @@ class HandModel:
     @property
     def links(self) -> int:
         return len(self.link_names)
+
+    def thinned(self, count: int) -> HandModel:
+        """The hand with about `count` of its collision points, every k-th."""
+        step = max(1, len(self.collision_points) // count)
+        return replace(
+            self,
+            collision_link=self.collision_link[::step],
+            collision_points=self.collision_points[::step],
+        )
 
     def save(self, path: Path) -> None:
         """Write everything to one .npz file."""

@@ -51,7 +51,7 @@ class Task:
         self._cheap = self._full
         if rank_points > 0:
             q1 = dataclasses.replace(config.q1, directions=RANK_DIRECTIONS)
-            self._cheap = SceneTerms(thinned(hand, rank_points), dataclasses.replace(config, q1=q1))
+            self._cheap = SceneTerms(hand.thinned(rank_points), dataclasses.replace(config, q1=q1))
 
     def candidates(self, prediction: Prediction, batch: Batch) -> Candidates:
         """The predictions that have a task loss: all, or with chamfer alone those with a label."""
@@ -81,13 +81,3 @@ class Task:
             return terms | compute(
                 rows.position, rows.rotation, rows.joints, objects.take(rows.scene), self.of_scene
             )
-
-
-def thinned(hand: HandModel, count: int) -> HandModel:
-    """`hand` with about `count` of its collision points, every k-th."""
-    step = max(1, len(hand.collision_points) // count)
-    return dataclasses.replace(
-        hand,
-        collision_link=hand.collision_link[::step],
-        collision_points=hand.collision_points[::step],
-    )

@@ -15,7 +15,7 @@ from dmfc.network.model import Prediction
 from dmfc.training.candidates import Candidates
 from dmfc.training.measures import label_errors
 from dmfc.training.module import GraspTraining
-from dmfc.training.task import Task, thinned
+from dmfc.training.task import Task
 from dmfc.training.weights import new_network
 from tests.training.toy import NETWORK, toy_atlas, toy_batch, toy_hand
 
@@ -92,7 +92,7 @@ def test_the_hardest_alone_get_gradients():
 
 
 def test_a_thinned_hand_keeps_points_of_every_link():
-    hand = thinned(toy_hand(), 20)
+    hand = toy_hand().thinned(20)
     assert len(hand.collision_points) == len(hand.collision_link) == 20
     assert set(hand.collision_link) == {0, 1, 2}
     np.testing.assert_array_equal(hand.collision_points, toy_hand().collision_points[::3])
