@@ -64,8 +64,8 @@ def sweep(
     targets = [stage for plan in plans for stage in plan.targets]
     outcomes = run_shown(targets, session.ledger, plans[0].config)
     failures = {address: out.reason for address, out in outcomes.items() if not out.ok}
-    results = [_finish(plan, session.ledger, failures, as_json) for plan in plans]
     ran = sum(outcome.status == "ran" for outcome in outcomes.values())
+    results = [_finish(plan, session.ledger, failures, ran, as_json) for plan in plans]
     closing = {"stages_run": ran, "seconds": round(time.monotonic() - started, 2)}
     if as_json:
         answer({**results[0], **closing} if len(results) == 1 else {"sweeps": results, **closing})
@@ -132,7 +132,7 @@ def ui(
 
 
 def _finish(
-    plan: SweepPlan, ledger: Ledger, failures: dict[str, str], as_json: bool
+    plan: SweepPlan, ledger: Ledger, failures: dict[str, str], ran: int, as_json: bool
 ) -> dict[str, Any]:
     """Table and tracking of one sweep; its answer for a machine."""
     from dmfc.report.formats import to_json
@@ -140,6 +140,11 @@ def _finish(
 
     description = plan.describe()
     table = _table(ledger, description, failures, as_json)
+    picture = plan.folder(ledger) / "table.png"
+    if ran or not picture.is_file():
+        from dmfc.report.figure import draw_rates
+
+        draw_rates(table, picture)
     incomplete = any(row.failure for row in table.rows)
     tracked = project_sweep(
         ledger,

@@ -68,6 +68,12 @@ def make_scenes(ctx: StageContext) -> None:
         ctx.progress,
     )
     write_json(ctx.out / "counts.json", counts)
+    if ctx.config["start"] == 0:
+        from dmfc.scenes.picture import scene_picture
+        from dmfc.scenes.scene_set import SceneSet
+
+        scene = SceneSet.open([ctx.out / SCENES])[0]
+        scene_picture(scene, ctx.out / f"scene_{scene.scene:04d}.png")
 
 
 def pretrain(ctx: StageContext) -> None:

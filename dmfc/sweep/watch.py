@@ -74,7 +74,9 @@ class Progress:
             if times:
                 self._tally.seconds[kind] = times[-HISTORY:]
         counts = ", ".join(f"{n} {kind}" for kind, n in self._tally.total.items())
-        self._console.print(f"{sum(self._tally.total.values())} stages to run: {counts}", soft_wrap=True)
+        self._console.print(
+            f"{sum(self._tally.total.values())} stages to run: {counts}", soft_wrap=True
+        )
         if self._console.is_terminal:
             self._live = Live(console=self._console, refresh_per_second=4, transient=True)
             self._live.start()

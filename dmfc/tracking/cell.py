@@ -127,6 +127,11 @@ def _span(record: Mapping[str, Any]) -> tuple[int, int]:
 
 def _files(ledger: Ledger, addresses: list[str]) -> Iterator[tuple[Path, str | None]]:
     """Trial rows, summaries and pictures, each under its stage's kind and place."""
+    for address in addresses:
+        scenes = ledger.record(address)["inputs"].get("scenes")
+        if isinstance(scenes, str):  # the shard that an evaluation was made on
+            for picture in sorted(ledger.folder(scenes).glob("*.png")):
+                yield picture, "scenes"
     for place, address in enumerate(addresses):
         folder, where = ledger.folder(address), f"{place:02d}-{address.split('/')[0]}"
         for name in ("trials.parquet", "summary.json", "metrics.jsonl", "stage.json"):

@@ -100,3 +100,14 @@ def test_terminal(table):
     text = console.export_text()
     assert "[0.65, 0.83]" in text
     assert "random (floor)" in text
+
+
+def test_a_picture_is_drawn(table, tmp_path):
+    from PIL import Image
+
+    from dmfc.report.figure import draw_rates
+
+    draw_rates(table, tmp_path / "table.png")
+    with Image.open(tmp_path / "table.png") as picture:
+        assert picture.size[0] > 900
+        assert len(picture.convert("RGB").getcolors(1 << 20) or []) > 10

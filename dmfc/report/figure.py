@@ -1,0 +1,39 @@
+"""The table as a picture: three rates per row with their 95 % intervals, the paper's as crosses."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from dmfc.report.table import NAMES, SweepTable
+
+COLOURS = {"valid": "#4c78a8", "success": "#f58518", "overall": "#54a24b"}
+BAR = 0.26
+
+
+def draw_rates(table: SweepTable, path: Path) -> None:
+    """Write the picture as PNG."""
+    figure = Figure(figsize=(9, 1.6 + 0.7 * len(table.rows)), dpi=110, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    for place, name in enumerate(NAMES):
+        for line, row in enumerate(table.rows):
+            rate, y = row.rate(name), line + (place - 1) * BAR
+            if rate.value is not None and rate.interval is not None:
+                low, high = rate.interval
+                axes.barh(y, rate.value, BAR * 0.9, color=COLOURS[name])
+                axes.plot([low, high], [y, y], color="black", linewidth=1)
+            if name in row.paper:
+                axes.plot(row.paper[name][0], y, "x", color="black", markersize=6)
+        axes.barh(0, 0, color=COLOURS[name], label=name)
+    axes.plot([], [], "x", color="black", linestyle="none", label="paper")
+    labels = [f"{row.label}\nn = {row.trials}" for row in table.rows]
+    axes.set_yticks(range(len(table.rows)), labels)
+    axes.invert_yaxis()
+    axes.set_xlim(0, 1)
+    axes.grid(axis="x", alpha=0.3)
+    axes.set_title(f"{table.title} ({table.preset})", loc="left", fontsize=11)
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.06), ncols=4, frameon=False)
+    figure.savefig(path)
