@@ -110,7 +110,8 @@ def test_every_package_is_shipped():
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
     there = {
         ".".join(("dmfc", *path.parent.relative_to(PACKAGE).parts))
-        for path in PACKAGE.rglob("__init__.py")
+        for path in PACKAGE.rglob("*")
+        if path.is_file() and path.parent.name != "__pycache__"
     }
     assert set(settings["packages"]) == there | {"dmfc.configs", "dmfc.sweeps"}
     for name, folder in settings["package-dir"].items():
