@@ -17,13 +17,11 @@ class ExecutionConfig:
     pregrasp_distance: float = setting(
         0.1, "retreat of the pre-grasp along the palm normal, metres"
     )
-    pregrasp_opening: float = setting(0.5, "rad that the fingers are open before they close")
     waypoints: int = setting(5, "poses of the approach that are checked for collision")
     approach_tolerance: float = setting(
         0.003, "penetration of open hand and table or object up to the grasp pose, metres"
     )
     grasp_tolerance: float = setting(0.01, "penetration of the closed hand at the grasp, metres")
-    squeeze: float = setting(0.3, "closing beyond the grasp that is commanded, rad")
 
     rest_height: float = setting(0.4, "height of the palm in its resting pose, metres")
     settle_time: float = setting(0.2, "s, the scene comes to rest before the hand moves")

@@ -20,7 +20,6 @@ class GraspsConfig:
     table_share: float = setting(
         1.0, "share of candidates that leave room for a table under a stable pose of the object"
     )
-    opening: float = setting(0.5, "rad that the fingers open before they close; as in execution")
     approach_tilt: float = setting(0.25, "spread of the approach about the surface normal")
     palm_shift: list[float] = setting([-0.02, 0.05], "target ahead of the palm's centre, metres")
     palm_gap: list[float] = setting([0.0, 0.08], "palm to target before backing off, metres")
@@ -30,7 +29,6 @@ class GraspsConfig:
     close_range: float = setting(1.8, "farthest closing of a finger, rad of its first joint")
     close_steps: int = setting(24, "steps of the closing")
 
-    squeeze: float = setting(0.3, "closing beyond contact that is commanded, rad; sets the force")
     close_time: float = setting(0.3, "s, fingers close on the pinned object")
     settle_time: float = setting(0.15, "s, released, without gravity")
     gravity_time: float = setting(0.3, "s in each of the six directions")

@@ -12,6 +12,8 @@ class HandConfig:
     name: str = setting(
         "shadow", "hand description: a name in dmfc/hand/data or the path of a YAML file"
     )
+    opening: float = setting(0.5, "rad that the fingers are open before they close on an object")
+    squeeze: float = setting(0.3, "rad beyond contact to which they are commanded; sets the force")
     collision_points: int = setting(
         2000, "points sampled on the hand's surface for the collision loss"
     )

@@ -63,7 +63,7 @@ def evaluate_shard(
     held = 0
     for done, scene in enumerate(scenes, start=1):
         candidates = candidates_of(scene, row, grasps, network, hand, config)
-        for trial in scene_trials(scene, candidates, objects, description, physics, config):
+        for trial in scene_trials(scene, candidates, objects, hand, description, physics, config):
             rows.append(trial)
             held += trial["held"]
         progress(done / len(scenes), f"{held} of {len(rows)} held")
@@ -92,13 +92,14 @@ def scene_trials(
     scene: Scene,
     candidates: GraspCandidates,
     objects: Mapping[str, ObjectModel],
+    hand: HandModel,
     description: HandDescription,
     physics: PhysicsConfig,
     config: ExecutionConfig,
     observer: Observer | None = None,
 ) -> Iterator[dict[str, Any]]:
     """K rows of one scene; the simulation is reset before every grasp."""
-    runner = open_scene(scene, objects, description, physics, config)
+    runner = open_scene(scene, objects, hand, description, physics, config)
     for trial in range(config.grasps_per_scene):
         outcome, target, confidence = Outcome(), "", float("nan")
         if trial < len(candidates):
@@ -119,6 +120,7 @@ def scene_trials(
 def open_scene(
     scene: Scene,
     objects: Mapping[str, ObjectModel],
+    hand: HandModel,
     description: HandDescription,
     physics: PhysicsConfig,
     config: ExecutionConfig,
@@ -128,4 +130,4 @@ def open_scene(
     """The simulation of a scene, its objects at rest on the table."""
     models = [objects[name] for name in scene.object_ids]
     world = World(description, models, physics, table_size=TABLE_SIZE, visual=visual)
-    return TrialRunner(world, scene.T_world_object, config)
+    return TrialRunner(world, hand, scene.T_world_object, config)

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from dmfc.config.execution import ExecutionConfig
-from dmfc.hand.description import HandDescription
+from dmfc.hand.model import HandModel
 
 
 @dataclass(frozen=True)
@@ -59,18 +59,15 @@ class Trajectory:
 def plan_trajectory(
     T_grasp: np.ndarray,
     joints: np.ndarray,
-    hand: HandDescription,
-    dof_range: np.ndarray,
+    hand: HandModel,
     config: ExecutionConfig,
 ) -> Trajectory:
     """Resting pose, above the pre-grasp, pre-grasp, grasp, close, squeeze, lift, hold.
 
-    T_grasp: T_world_palm [4, 4]; joints: [D] rad; dof_range: [D, 2], to which all are clamped.
+    T_grasp: T_world_palm [4, 4]; joints: [D] rad, clamped to the limits.
     """
-    lower, upper = dof_range.T
-    joints = np.clip(joints, lower, upper)
-    flexion = hand.flexion_direction
-    normal = T_grasp[:3, :3] @ np.array(hand.palm_normal)
+    joints = np.clip(joints, hand.lower, hand.upper)
+    normal = T_grasp[:3, :3] @ hand.palm_normal
     T_pregrasp = _moved(T_grasp, -config.pregrasp_distance * normal)
     rise = max(0.0, config.rest_height - T_grasp[2, 3])
     T_lifted = _moved(T_grasp, np.array([0.0, 0.0, rise]))
@@ -79,8 +76,7 @@ def plan_trajectory(
     T_rest = np.eye(4)
     T_rest[:3, :3] = T_grasp[:3, :3]
     T_rest[2, 3] = T_raised[2, 3]
-    opened = np.clip(joints - config.pregrasp_opening * flexion, lower, upper)
-    squeezed = np.clip(joints + config.squeeze * flexion, lower, upper)
+    opened, squeezed = hand.opened(joints), hand.squeezed(joints)
     legs = [
         ("raise", config.raise_time, T_raised, opened),
         ("descend", config.descend_time, T_pregrasp, opened),

@@ -14,6 +14,7 @@ import numpy as np
 
 from dmfc.config.execution import ExecutionConfig
 from dmfc.execution.trajectory import Trajectory, plan_trajectory
+from dmfc.hand.model import HandModel
 from dmfc.physics.world import World
 
 REASONS = (
@@ -60,9 +61,11 @@ class Outcome:
 class TrialRunner:
     """Runs the trials of one scene; the model is compiled once and reset by state."""
 
-    def __init__(self, world: World, T_world_object: np.ndarray, config: ExecutionConfig) -> None:
+    def __init__(
+        self, world: World, hand: HandModel, T_world_object: np.ndarray, config: ExecutionConfig
+    ) -> None:
         """`world` has a table and the scene's objects; they come to rest at once."""
-        self.world, self.config = world, config
+        self.world, self.hand, self.config = world, hand, config
         self.timestep = world.model.opt.timestep
         world.reset()
         away = np.eye(4)
@@ -83,9 +86,7 @@ class TrialRunner:
         observer: Observer | None = None,
     ) -> Outcome:
         """Execute a grasp [4, 4], [D] on object `target`; `observer` is called at every look."""
-        trajectory = plan_trajectory(
-            T_world_palm, joints, self.world.hand, self.world.dof_range, self.config
-        )
+        trajectory = plan_trajectory(T_world_palm, joints, self.hand, self.config)
         outcome = Outcome()
         outcome.reason = self._plan(trajectory, target)
         outcome.planned = not outcome.reason

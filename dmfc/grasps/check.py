@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 
 from dmfc.config.grasps import GraspsConfig
+from dmfc.hand.model import HandModel
 from dmfc.physics.world import World
 
 _DIRECTIONS = np.concatenate([np.eye(3), -np.eye(3)])
@@ -31,7 +32,11 @@ class Verdict:
 
 
 def check(
-    world: World, T_object_palm: np.ndarray, joints: np.ndarray, config: GraspsConfig
+    world: World,
+    hand: HandModel,
+    T_object_palm: np.ndarray,
+    joints: np.ndarray,
+    config: GraspsConfig,
 ) -> Verdict:
     """Close to `joints` [D] and beyond, as execution does; release; turn gravity.
 
@@ -43,10 +48,7 @@ def check(
     world.reset()
     world.place_object(0, np.eye(4))
     world.hold(0, True)
-    lower, upper = world.dof_range.T
-    flexion = world.hand.flexion_direction
-    opened = np.clip(joints - config.opening * flexion, lower, upper)
-    target = np.clip(joints + config.squeeze * flexion, lower, upper)
+    opened, target = hand.opened(joints), hand.squeezed(joints)
     world.place_palm(T_object_palm, opened)
     steps = round(config.close_time / timestep)
     for step in range(steps):

@@ -67,7 +67,7 @@ def plan(
         best = np.argsort(-values, kind="stable")[: max(1, round(config.keep * len(batch)))]
         for row in best[: config.max_checks - checked]:
             checked += 1
-            hit = _verified(world, batch, int(row), float(values[row]), config, generator)
+            hit = _verified(world, hand, batch, int(row), float(values[row]), config, generator)
             if hit is not None:
                 found.append(hit)
             progress(
@@ -106,6 +106,7 @@ class _Scorer:
 
 def _verified(
     world: World,
+    hand: HandModel,
     batch: Candidates,
     row: int,
     q1: float,
@@ -115,7 +116,7 @@ def _verified(
     """Check a candidate and, if it holds, perturbed repeats of it."""
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = batch.rotation[row], batch.position[row]
-    verdict = check(world, T, batch.joints[row], config)
+    verdict = check(world, hand, T, batch.joints[row], config)
     if not verdict.held:
         return None
     held = 1
@@ -123,7 +124,7 @@ def _verified(
         near = T.copy()
         near[:3, 3] += generator.normal(0.0, config.repeat_shift, 3)
         joints = batch.joints[row] + generator.normal(0.0, config.repeat_turn, len(batch.joints[0]))
-        held += check(world, near, joints, config).held
+        held += check(world, hand, near, joints, config).held
     return _Found(T[:3, 3], T[:3, :3], batch.joints[row], q1, verdict, held / (config.repeats + 1))
 
 

@@ -113,8 +113,7 @@ class Proposer:
 
     def _above(self, closed: Candidates, support: np.ndarray) -> np.ndarray:
         """[B] whether the closed and the opened hand keep off the table."""
-        opened = closed.joints - self.config.opening * self.hand.flexion
-        opened = np.clip(opened, self.hand.lower, self.hand.upper)
+        opened = self.hand.opened(closed.joints)
         above = np.ones(len(closed), dtype=bool)
         for joints in (closed.joints, opened):
             at = self._place(closed.position, closed.rotation, joints)
@@ -199,8 +198,8 @@ class Proposer:
         T = torch.eye(4).repeat(len(position), 1, 1)
         T[:, :3, :3] = torch.as_tensor(rotation)
         T[:, :3, 3] = torch.as_tensor(position)
-        joints = torch.as_tensor(joints, dtype=torch.float32)
-        return self.kinematics.collision_points(T, joints).numpy()
+        angles = torch.as_tensor(joints, dtype=torch.float32)
+        return self.kinematics.collision_points(T, angles).numpy()
 
 
 def _between(limits: list[float], count: int, generator: np.random.Generator) -> np.ndarray:

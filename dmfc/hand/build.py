@@ -45,6 +45,8 @@ def build_hand(config: HandConfig) -> HandModel:
         dof_names=description.dof_names,
         open_joints=description.open_joints,
         flexion=description.flexion_direction,
+        opening=config.opening,
+        squeeze=config.squeeze,
         link_names=names,
         palm_reference=np.array(description.palm_reference, dtype=np.float64),
         palm_normal=normal / np.linalg.norm(normal),

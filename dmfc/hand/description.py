@@ -70,9 +70,7 @@ class HandDescription:
     @property
     def preshape_range(self) -> np.ndarray:
         """Ranges of the planner's pre-shapes, [D, 2] rad."""
-        return np.array(
-            [self.preshape.get(name, [angle] * 2) for name, angle in self.dofs.items()]
-        )
+        return np.array([self.preshape.get(name, [angle] * 2) for name, angle in self.dofs.items()])
 
 
 def load_description(name: str) -> HandDescription:

@@ -34,6 +34,10 @@ class HandModel:
     """[D] the open hand, rad."""
     flexion: np.ndarray
     """[D] direction in joint space that closes the hand."""
+    opening: float
+    """How far the fingers are open before they close on an object, rad along `flexion`."""
+    squeeze: float
+    """How far beyond contact they are commanded, rad along `flexion`."""
     link_names: list[str]
     """[L] the palm first, parents before children."""
     parents: np.ndarray
@@ -77,6 +81,14 @@ class HandModel:
     def links(self) -> int:
         return len(self.link_names)
 
+    def opened(self, joints: np.ndarray) -> np.ndarray:
+        """The hand before it closes to `joints` [..., D], rad, within the limits."""
+        return np.clip(joints - self.opening * self.flexion, self.lower, self.upper)
+
+    def squeezed(self, joints: np.ndarray) -> np.ndarray:
+        """What the fingers are commanded once they touch at `joints` [..., D], rad."""
+        return np.clip(joints + self.squeeze * self.flexion, self.lower, self.upper)
+
     def thinned(self, count: int) -> HandModel:
         """The hand with about `count` of its collision points, every k-th."""
         step = max(1, len(self.collision_points) // count)
@@ -117,6 +129,8 @@ class HandModel:
         links = range(len(arrays["link_names"]))
         lists = {
             "name": str(arrays["name"]),
+            "opening": float(arrays["opening"]),
+            "squeeze": float(arrays["squeeze"]),
             "dof_names": arrays["dof_names"].tolist(),
             "link_names": arrays["link_names"].tolist(),
             "link_grids": [Grid.from_arrays(arrays, f"link_grids_{i}") for i in links],

@@ -35,19 +35,21 @@ class HandAtGrasps:
     """Link poses of the hand at the grasps of objects, kept by object (3 kB per grasp)."""
 
     def __init__(self, hand: HandModel) -> None:
-        self._kinematics = HandKinematics(hand)
-        self._kept: dict[str, np.ndarray] = {}
+        self._hand, self._kinematics = hand, HandKinematics(hand)
+        self._kept: dict[tuple[str, bool], np.ndarray] = {}
         present = np.unique(hand.collision_link)
         self._pieces = [_Piece(int(i), hand) for i in present]
 
-    def links(self, grasps: GraspSet) -> np.ndarray:
-        """T_object_link [n, L, 4, 4] at the n grasps of a set."""
-        if grasps.object_id not in self._kept:
+    def links(self, grasps: GraspSet, *, opened: bool = False) -> np.ndarray:
+        """T_object_link [n, L, 4, 4] at the n grasps of a set, or before the fingers close."""
+        key = grasps.object_id, opened
+        if key not in self._kept:
+            joints = self._hand.opened(grasps.joints) if opened else grasps.joints
             T_object_palm = torch.as_tensor(grasps.T_object_palm)
             with torch.no_grad():
-                links = self._kinematics.links(T_object_palm, torch.as_tensor(grasps.joints))
-            self._kept[grasps.object_id] = links.numpy()
-        return self._kept[grasps.object_id]
+                links = self._kinematics.links(T_object_palm, torch.as_tensor(joints))
+            self._kept[key] = links.numpy()
+        return self._kept[key]
 
     def lowest(self, T_world_link: np.ndarray) -> np.ndarray:
         """z of the lowest collision point of hands with links at [n, L, 4, 4]: [n]."""
@@ -97,9 +99,10 @@ def surviving_labels(
 ) -> Labels:
     """Labels of all objects of a scene whose hand is clear of the table and of the other objects.
 
-    The hand's collision points are tested: a grasp is dropped if one of them is deeper than
-    `scenes.clearance` below the table plane or within a neighbour. An object that is not in
-    `grasps` has no labels. At most `scenes.max_grasps` per object stay, the most robust.
+    The hand's collision points are tested, at the grasp and open just before it: a grasp is dropped
+    if one of them is deeper than `scenes.clearance` below the table plane or within a neighbour. An
+    object that is not in `grasps` has no labels. At most `scenes.max_grasps` per object stay, the
+    most robust.
     """
     dropped = dict.fromkeys(REASONS, 0)
     objects, rows = [], []
@@ -108,15 +111,21 @@ def surviving_labels(
         if own is None or len(own) == 0:
             continue
         order = np.argsort(-own.robustness, kind="stable")
-        T_world_link = T_world_object[index] @ hand.links(own)[order]
-        is_clear = -hand.lowest(T_world_link) <= config.clearance
+        T_world_hands = [
+            T_world_object[index] @ hand.links(own, opened=opened)[order]
+            for opened in (False, True)
+        ]
+        height = np.min([hand.lowest(T) for T in T_world_hands], axis=0)
+        is_clear = -height <= config.clearance
         dropped["table"] += int((~is_clear).sum())
-        order, T_world_link = order[is_clear], T_world_link[is_clear]
+        order = order[is_clear]
         depth = np.full(len(order), -np.inf)
         for other, neighbour in enumerate(models):
             if other != index and len(order):
-                T_other_link = transforms.inverse(T_world_object[other]) @ T_world_link
-                depth = np.maximum(depth, hand.deepest(T_other_link, neighbour))
+                T_other_world = transforms.inverse(T_world_object[other])
+                for T in T_world_hands:
+                    found = hand.deepest(T_other_world @ T[is_clear], neighbour)
+                    depth = np.maximum(depth, found)
         dropped["neighbour"] += int((depth > config.clearance).sum())
         order = order[depth <= config.clearance]
         dropped["limit"] += max(0, len(order) - config.max_grasps)

@@ -121,6 +121,8 @@ def paddle() -> HandModel:
         upper=np.array([1.0]),
         open_joints=np.zeros(1),
         flexion=np.ones(1),
+        opening=0.0,
+        squeeze=0.0,
         link_names=["palm", "finger"],
         parents=np.array([-1, 0]),
         T_parent_link=np.stack([np.eye(4), T_palm_finger]),

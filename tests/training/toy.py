@@ -64,6 +64,8 @@ def toy_hand() -> HandModel:
         upper=np.array([0.9, 0.9]),
         open_joints=np.zeros(2),
         flexion=np.ones(2),
+        opening=0.0,
+        squeeze=0.0,
         link_names=["palm", "left", "right"],
         parents=np.array([-1, 0, 0]),
         T_parent_link=T,
