@@ -126,14 +126,12 @@ class World:
         """Pin an object where it is (labels only), or let it go."""
         equality = self.index.hold_equality[which]
         if active:
-            first = self.index.object_qpos[which]
-            pose = self.data.qpos[first : first + 7]
+            T, centre = self.object_pose(which), self.objects[which].com
+            # At the centre of mass: a weld at the end of a lever is soft against turning.
             eq_data = self.model.eq_data[equality]
-            rotation = np.zeros(4)
-            mujoco.mju_negQuat(rotation, pose[3:])
-            eq_data[:3] = 0.0
-            eq_data[3:6] = _rotate(rotation, -pose[:3])
-            eq_data[6:10] = rotation
+            eq_data[:3] = T[:3, :3] @ centre + T[:3, 3]
+            eq_data[3:6] = centre
+            mujoco.mju_negQuat(eq_data[6:10], pose_to_qpos(T)[3:])
         self.data.eq_active[equality] = int(active)
 
     # ── what is seen ─────────────────────────────────────────────────────────────────────────
@@ -185,12 +183,6 @@ def qpos_to_pose(qpos: np.ndarray) -> np.ndarray:
     T[:3, :3] = flat.reshape(3, 3)
     T[:3, 3] = qpos[:3]
     return T
-
-
-def _rotate(quaternion: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    out = np.zeros(3)
-    mujoco.mju_rotVecQuat(out, vector, quaternion)
-    return out
 
 
 def _set_options(spec: mujoco.MjSpec, physics: PhysicsConfig) -> None:
