@@ -29,9 +29,12 @@ class GraspsConfig:
     close_range: float = setting(1.8, "farthest closing of a finger, rad of its first joint")
     close_steps: int = setting(24, "steps of the closing")
 
-    close_time: float = setting(0.3, "s, fingers close on the pinned object")
+    close_time: float = setting(0.4, "s, fingers close")
     settle_time: float = setting(0.15, "s, released, without gravity")
     gravity_time: float = setting(0.3, "s in each of the six directions")
+    lift_height: float = setting(0.08, "metres, lift from the table in the stable pose")
+    lift_time: float = setting(0.4, "s")
+    lift_hold: float = setting(0.2, "s at that height")
     max_slip: float = setting(0.03, "metres that the object may move in the hand")
     max_turn: float = setting(0.7, "rad that the object may turn in the hand")
     max_penetration: float = setting(0.004, "metres; a label that presses deeper is dropped")

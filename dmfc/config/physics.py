@@ -15,6 +15,7 @@ class PhysicsConfig:
     )
     object_friction: float = setting(0.5, "sliding friction of objects and table on each other")
     torsional_friction: float = setting(0.005, "metres, of every contact (soft finger)")
+    rolling_friction: float = setting(0.0005, "metres, of a ball on the table")
     impratio: float = setting(100.0, "friction stiffness over normal; grasps creep if it is low")
     noslip_iterations: int = setting(0, "passes of the no-slip post-processing")
     gain_scale: float = setting(

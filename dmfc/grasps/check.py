@@ -1,8 +1,9 @@
-"""The check of a label: does the closed hand hold the floating object, whichever way is down?
+"""The checks of a label: does the hand hold the object, whichever way is down?
 
-The object is pinned while the fingers close on it, so that a label says where contact is and not
-where a free object would have rolled. Then it is released, and gravity is turned through the six
-directions of the palm's axes, in one simulation.
+`check`: the object is pinned while the fingers close on it, so that a label says where contact is
+and not where a free object would have rolled. Then it is released, and gravity is turned through
+the six axis directions, in one simulation. `lifts`: it also comes along from a table, where nothing
+pins it.
 """
 
 from __future__ import annotations
@@ -14,10 +15,12 @@ import numpy as np
 
 from dmfc.config.grasps import GraspsConfig
 from dmfc.hand.model import HandModel
-from dmfc.physics.world import World
+from dmfc.physics.world import World, pose_to_qpos
 
 _DIRECTIONS = np.concatenate([np.eye(3), -np.eye(3)])
 _GRAVITY = 9.81
+_FLOATING = np.array([[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 3], [0, 0, 0, 1]])
+"""T_world_object of the floating object, above any table."""
 
 
 @dataclass(frozen=True)
@@ -40,31 +43,64 @@ def check(
 ) -> Verdict:
     """Close to `joints` [D] and beyond, as execution does; release; turn gravity.
 
-    `world` has the object alone, no table, and can hold it.
+    `world` has the object, which it can hold, and perhaps a table, far below.
     """
-    model, data = world.model, world.data
-    timestep = model.opt.timestep
-    model.opt.gravity[:] = 0.0
+    world.model.opt.gravity[:] = 0.0
     world.reset()
-    world.place_object(0, np.eye(4))
+    world.place_object(0, _FLOATING)
     world.hold(0, True)
-    opened, target = hand.opened(joints), hand.squeezed(joints)
-    world.place_palm(T_object_palm, opened)
-    steps = round(config.close_time / timestep)
-    for step in range(steps):
-        world.drive_joints(opened + min(1.0, 1.5 * (step + 1) / steps) * (target - opened))
-        mujoco.mj_step(model, data)
+    world.place_palm(_FLOATING @ T_object_palm, hand.opened(joints))
+    _close(world, hand, joints, config)
     penetration, contacts = _touch(world)
     held = contacts >= 2 and penetration <= config.max_penetration
     if held:
         world.hold(0, False)
-        held = _hangs(world, config, timestep)
+        held = _hangs(world, config)
     return Verdict(held, penetration, contacts)
 
 
-def _hangs(world: World, config: GraspsConfig, timestep: float) -> bool:
-    """Settle, then turn gravity; stops as soon as the object has slipped."""
+def lifts(
+    world: World,
+    hand: HandModel,
+    T_world_object: np.ndarray,
+    T_object_palm: np.ndarray,
+    joints: np.ndarray,
+    config: GraspsConfig,
+) -> bool:
+    """Whether the grasp lifts the object, free and at rest at T_world_object [4, 4], off the table.
+
+    The hand begins open at the grasp pose. What it pushes away while it closes is not lifted.
+    """
     model, data = world.model, world.data
+    model.opt.gravity[:] = [0.0, 0.0, -_GRAVITY]
+    world.reset()
+    world.place_object(0, T_world_object)
+    T_world_palm = T_world_object @ T_object_palm
+    world.place_palm(T_world_palm, hand.opened(joints))
+    _close(world, hand, joints, config)
+    pose = pose_to_qpos(T_world_palm)
+    steps = round(config.lift_time / model.opt.timestep)
+    for step in range(steps):
+        pose[2] = T_world_palm[2, 3] + config.lift_height * (step + 1) / steps
+        world.drive_palm(pose)
+        mujoco.mj_step(model, data)
+    mujoco.mj_step(model, data, round(config.lift_hold / model.opt.timestep))
+    risen = world.object_pose(0)[2, 3] - T_world_object[2, 3]
+    return bool(not world.diverged() and risen > 0.5 * config.lift_height and _touch(world)[1])
+
+
+def _close(world: World, hand: HandModel, joints: np.ndarray, config: GraspsConfig) -> None:
+    """Drive the fingers from open to squeezed in two thirds of the time, and wait."""
+    opened, target = hand.opened(joints), hand.squeezed(joints)
+    steps = round(config.close_time / world.model.opt.timestep)
+    for step in range(steps):
+        world.drive_joints(opened + min(1.0, 1.5 * (step + 1) / steps) * (target - opened))
+        mujoco.mj_step(world.model, world.data)
+
+
+def _hangs(world: World, config: GraspsConfig) -> bool:
+    """Settle, then turn gravity; stops as soon as the object has slipped."""
+    model, data, timestep = world.model, world.data, world.model.opt.timestep
     start = np.linalg.inv(world.palm_pose()) @ world.object_pose(0)
     phases = [(np.zeros(3), config.settle_time)]
     phases += [(_GRAVITY * direction, config.gravity_time) for direction in _DIRECTIONS]

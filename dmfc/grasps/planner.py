@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from dmfc.config.grasps import GraspsConfig
 from dmfc.config.losses import Q1Config
 from dmfc.config.physics import PhysicsConfig
-from dmfc.grasps.check import Verdict, check
+from dmfc.grasps.check import Verdict, check, lifts
 from dmfc.grasps.grasp_set import GraspSet
 from dmfc.grasps.propose import Candidates, Proposer
 from dmfc.hand.description import HandDescription
@@ -53,7 +53,7 @@ def plan(
     """
     generator = np.random.default_rng(config.seed)
     proposer = Proposer(model, hand, description, config)
-    world = World(description, [model], physics, can_hold=True)
+    world = World(description, [model], physics, table_size=2.0, can_hold=True)
     score = _Scorer(model, hand, q1)
     wanted = round(config.per_object * config.surplus)
     found: list[_Found] = []
@@ -117,7 +117,7 @@ def _verified(
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = batch.rotation[row], batch.position[row]
     verdict = check(world, hand, T, batch.joints[row], config)
-    if not verdict.held:
+    if not verdict.held or not _lifts(world, hand, batch, row, T, config):
         return None
     held = 1
     for _ in range(config.repeats):
@@ -126,6 +126,23 @@ def _verified(
         joints = batch.joints[row] + generator.normal(0.0, config.repeat_turn, len(batch.joints[0]))
         held += check(world, hand, near, joints, config).held
     return _Found(T[:3, 3], T[:3, :3], batch.joints[row], q1, verdict, held / (config.repeats + 1))
+
+
+def _lifts(
+    world: World,
+    hand: HandModel,
+    batch: Candidates,
+    row: int,
+    T_object_palm: np.ndarray,
+    config: GraspsConfig,
+) -> bool:
+    """Whether it lifts the object from a table in its stable pose; true if it has none."""
+    pose, model = batch.stable_pose[row], world.objects[0]
+    if pose < 0:
+        return True
+    T = np.eye(4)
+    T[:3, :3], T[2, 3] = model.stable_rotations[pose], model.stable_heights[pose]
+    return lifts(world, hand, T, T_object_palm, batch.joints[row], config)
 
 
 def _select(

@@ -32,6 +32,8 @@ class Candidates:
     """[B, D] rad, each finger closed until it touches; one that never does stays open."""
     touching: np.ndarray
     """[B, F] bool, fingers that touch."""
+    stable_pose: np.ndarray
+    """[B] stable pose of the object in which the hand keeps off the table; -1: not asked for."""
 
     def __len__(self) -> int:
         return len(self.position)
@@ -57,31 +59,32 @@ class Proposer:
 
     def draw(self, count: int, generator: np.random.Generator) -> Candidates:
         """At most `count` candidates: those that fit and that at least two fingers close on."""
-        support = self._supports(count, generator)
+        pose = self._stable_poses(count, generator)
+        support = self._supports(pose)
         position, rotation = self._palms(support, generator)
         preshape = self._preshapes(count, generator)
         position, free = self._back_off(position, rotation, preshape, support)
         position, rotation, preshape = position[free], rotation[free], preshape[free]
         if not len(position):
             nothing = np.zeros((0, self.finger_of_dof.max() + 1), dtype=bool)
-            return Candidates(position, rotation, preshape, preshape, nothing)
+            return Candidates(position, rotation, preshape, preshape, nothing, pose[free])
         joints, touching = self._close(position, rotation, preshape)
-        closed = Candidates(position, rotation, preshape, joints, touching)
+        closed = Candidates(position, rotation, preshape, joints, touching, pose[free])
         return closed[(touching.sum(axis=1) >= 2) & self._above(closed, support[free])]
 
-    def _supports(self, count: int, generator: np.random.Generator) -> np.ndarray:
-        """[count, 4] planes a, b with height = a . p + b above the table, or 0 0 0 1 without one.
+    def _stable_poses(self, count: int, generator: np.random.Generator) -> np.ndarray:
+        """[count] poses of the object, by their probability, or -1 for a share without a table."""
+        probabilities = self.model.stable_probabilities
+        poses = generator.choice(len(probabilities), size=count, p=probabilities)
+        return np.where(generator.uniform(size=count) < self.config.table_share, poses, -1)
 
-        A share of the candidates must leave room for a table under the object in a stable pose.
-        """
+    def _supports(self, pose: np.ndarray) -> np.ndarray:
+        """[B, 4] planes a, b: height above the table = a . p + b; 0 0 0 1 where there is none."""
         model = self.model
-        poses = generator.choice(
-            len(model.stable_heights), size=count, p=model.stable_probabilities
-        )
         planes = np.concatenate(
-            [model.stable_rotations[poses, 2], model.stable_heights[poses, None]], axis=1
+            [model.stable_rotations[pose, 2], model.stable_heights[pose, None]], axis=1
         )
-        planes[generator.uniform(size=count) >= self.config.table_share] = [0.0, 0.0, 0.0, 1.0]
+        planes[pose < 0] = [0.0, 0.0, 0.0, 1.0]
         return planes
 
     def _palms(
