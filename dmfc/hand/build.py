@@ -17,7 +17,7 @@ from dmfc.errors import DmfcError
 from dmfc.geometry.grid import Grid
 from dmfc.geometry.points import farthest_points
 from dmfc.geometry.transforms import apply, inverse, transform
-from dmfc.hand.mjcf import PREFIX, HandDescription, hand_spec, load_description
+from dmfc.hand.mjcf import PREFIX, HandDescription, hand_model, load_description
 from dmfc.hand.model import HandModel
 from dmfc.hand.surface import LinkSurface, link_surfaces, visual_mesh
 
@@ -31,7 +31,7 @@ def build_hand(config: HandConfig) -> HandModel:
     Raises DmfcError if the MJCF has what a `HandModel` cannot hold, or the description is wrong.
     """
     description = load_description(config.name)
-    model = hand_spec(description).compile()
+    model = hand_model(description)
     names = [model.body(body).name.removeprefix(PREFIX) for body in range(1, model.nbody)]
     tree = _tree(model, description, names)
     surfaces = link_surfaces(model)

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from omegaconf import MISSING, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
+from yaml import YAMLError
 
 from dmfc.errors import DmfcError, unknown_name
 
@@ -76,7 +77,8 @@ class HandDescription:
 def load_description(name: str) -> HandDescription:
     """Read a hand description: a name among `dmfc/hand/data/*.yaml`, or the path of a YAML file.
 
-    Raises DmfcError if there is none, or if it has an unknown key or a value of a wrong type.
+    Raises DmfcError if there is none, or if it has an unknown key, a value of a wrong type or the
+    name of a joint that is no degree of freedom.
     """
     data = Path(str(resources.files("dmfc.hand") / "data"))
     path = Path(name).expanduser() if name.endswith((".yaml", ".yml")) else data / f"{name}.yaml"
@@ -89,6 +91,26 @@ def load_description(name: str) -> HandDescription:
         merged = OmegaConf.merge(schema, OmegaConf.load(path), {"directory": str(path.parent)})
         description = OmegaConf.to_object(merged)
     except OmegaConfBaseException as error:
-        raise DmfcError(f"hand description {path}: {str(error).splitlines()[0]}") from error
+        where = f" (key {error.full_key})" if error.full_key else ""
+        raise DmfcError(f"hand description {path}: {str(error).splitlines()[0]}{where}") from error
+    except (YAMLError, TypeError, OSError) as error:
+        raise DmfcError(f"hand description {path}: {' '.join(str(error).split())}") from error
     assert isinstance(description, HandDescription)
+    _check(description, path)
     return description
+
+
+def _check(description: HandDescription, path: Path) -> None:
+    """What a schema cannot say. Raises DmfcError."""
+    for key in ("flexion", "preshape"):
+        for joint in getattr(description, key):
+            if joint not in description.dofs:
+                raise unknown_name(f"joint in {key} of {path}", joint, description.dofs)
+    for joint, limits in description.preshape.items():
+        if len(limits) != 2 or limits[0] > limits[1]:
+            raise DmfcError(f"hand description {path}: preshape.{joint} is no range: {limits}")
+    for joint, coupling in description.couplings.items():
+        if coupling.ratio == 0:
+            raise DmfcError(f"hand description {path}: couplings.{joint}.ratio is 0")
+    if not np.linalg.norm(description.palm_normal) > 0:
+        raise DmfcError(f"hand description {path}: palm_normal has no direction")

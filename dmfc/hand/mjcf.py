@@ -41,7 +41,7 @@ def hand_spec(description: HandDescription) -> mujoco.MjSpec:
     try:
         source = mujoco.MjSpec.from_file(str(path))
     except ValueError as error:
-        raise DmfcError(f"hand '{description.name}': {path}: {error}") from error
+        raise DmfcError(f"hand '{description.name}': {path}: {_line(error)}") from error
     palm = source.body(description.palm)
     if palm is None:
         raise DmfcError(f"hand '{description.name}': no body '{description.palm}' (key palm)")
@@ -55,10 +55,22 @@ def hand_spec(description: HandDescription) -> mujoco.MjSpec:
     return spec
 
 
-def actuator_scale(description: HandDescription) -> np.ndarray:
+def hand_model(description: HandDescription) -> mujoco.MjModel:
+    """The hand alone, compiled. Raises DmfcError as `hand_spec`, and if MuJoCo refuses it."""
+    try:
+        return hand_spec(description).compile()
+    except ValueError as error:
+        raise DmfcError(f"hand '{description.name}': {_line(error)} (key mjcf)") from error
+
+
+def actuator_scale(spec: mujoco.MjSpec, description: HandDescription) -> np.ndarray:
     """Command of a degree of freedom's actuator = scale * its angle, [D] (see `hand_spec`)."""
-    ratios = {coupling.driver: coupling.ratio for coupling in description.couplings.values()}
-    return np.array([1.0 + ratios.get(name, 0.0) for name in description.dofs])
+    scale = []
+    for dof, name in zip(description.dofs, dof_actuators(spec, description), strict=True):
+        ratios = {joint: c.ratio for joint, c in description.couplings.items() if c.driver == dof}
+        shares = _driven(spec, spec.actuator(name))
+        scale.append(sum(share * (ratios | {dof: 1.0})[j] for j, share in shares.items()))
+    return np.array(scale)
 
 
 def _couple(spec: mujoco.MjSpec, description: HandDescription) -> None:
@@ -83,15 +95,31 @@ def _couple(spec: mujoco.MjSpec, description: HandDescription) -> None:
 
 
 def dof_actuators(spec: mujoco.MjSpec, description: HandDescription) -> list[str]:
-    """Names of the actuators that drive the degrees of freedom, in their order, [D]."""
-    driven = {}
+    """Names of the actuators that drive the degrees of freedom, in their order, [D].
+
+    Raises DmfcError if one has none, or one that is commanded anything but an angle.
+    """
+    driven: dict[str, str] = {}
     for actuator in spec.actuators:
-        joints = [actuator.target]
-        if actuator.trntype == mujoco.mjtTrn.mjTRN_TENDON:
-            joints = [wrap.target.name for wrap in spec.tendon(actuator.target).path]
-        for joint in joints:
-            driven[joint.removeprefix(PREFIX)] = actuator.name
+        driven |= dict.fromkeys(_driven(spec, actuator), actuator.name)
     missing = [name for name in description.dofs if name not in driven]
     if missing:
         raise DmfcError(f"hand '{description.name}': no actuator drives '{missing[0]}' (key dofs)")
-    return [driven[name] for name in description.dofs]
+    names = [driven[name] for name in description.dofs]
+    for name in names:
+        actuator = spec.actuator(name)
+        if actuator.gainprm[0] <= 0 or actuator.biasprm[1] != -actuator.gainprm[0]:
+            raise DmfcError(f"hand '{description.name}': actuator '{name}' is no position servo")
+    return names
+
+
+def _driven(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> dict[str, float]:
+    """Joints that an actuator drives -> how much of their angle its length counts."""
+    if actuator.trntype != mujoco.mjtTrn.mjTRN_TENDON:
+        return {actuator.target.removeprefix(PREFIX): 1.0}
+    path = spec.tendon(actuator.target).path
+    return {wrap.target.name.removeprefix(PREFIX): float(wrap.coef) for wrap in path}
+
+
+def _line(error: Exception) -> str:
+    return " ".join(str(error).split())

@@ -84,7 +84,7 @@ class World:
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
         self.index = _indices(self.model, spec, hand, len(objects), can_hold)
-        self.actuator_scale = actuator_scale(hand)
+        self.actuator_scale = actuator_scale(spec, hand)
         self.dof_range = self.model.jnt_range[
             [self.model.joint(PREFIX + name).id for name in hand.dofs]
         ]
