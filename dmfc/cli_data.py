@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -19,6 +21,7 @@ from dmfc.cli_common import (
     show_rows,
 )
 from dmfc.errors import DmfcError, unknown_name
+from dmfc.grasps.library import file_name
 
 if TYPE_CHECKING:
     from dmfc.sweep.stage import Stage
@@ -144,12 +147,24 @@ def grasps_plan(
     overrides: Overrides = None,
     store: Store = STORE,
     as_json: AsJson = False,
+    out: Annotated[
+        Path | None, typer.Option(help="Also copy the grasp sets into this library folder.")
+    ] = None,
 ) -> None:
     """Plan grasps for objects and check each in simulation."""
     session = Session.open(preset, overrides, store)
     stages = _grasp_stages(session, selectors)
     require(session.make(stages), stages)
+    if out is not None:
+        _copy_to_library(session, stages, out)
     _show_grasps(session, stages, as_json)
+
+
+def _copy_to_library(session: Session, stages: Sequence[Stage], folder: Path) -> None:
+    for stage in stages:
+        path = folder / file_name(session.config.hand.name, stage.name)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(session.ledger.folder(stage.address) / "grasps.parquet", path)
 
 
 @grasps.command("stats")

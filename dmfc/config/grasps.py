@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 from dmfc.config.setting import setting
 
 
 @dataclass(frozen=True)
 class GraspsConfig:
+    source: Literal["plan", "library"] = setting(
+        "plan", "plan the grasps, or take those that come with the package"
+    )
     per_object: int = setting(100, "verified grasps wanted per object")
     max_checks: int = setting(2000, "checks in MuJoCo per object before the planner gives up")
     batch: int = setting(256, "candidates proposed at a time")

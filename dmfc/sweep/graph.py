@@ -15,6 +15,7 @@ from dmfc.config.losses import LossWeights, Q1Config
 from dmfc.config.scenes import SceneSetConfig
 from dmfc.config.schema import Config
 from dmfc.errors import DmfcError
+from dmfc.grasps.library import file_digest, library_file
 from dmfc.sweep.kinds import KINDS, Registry, kind_of
 from dmfc.sweep.stage import Stage
 
@@ -106,10 +107,18 @@ class GraphBuilder:
         return tuple(self.grasps_of(config, obj) for obj in self.objects(config, split))
 
     def grasps_of(self, config: Config, obj: Stage) -> Stage:
-        """The planned grasps of one prepared object."""
+        """The grasps of one prepared object: planned, or those of the library."""
+        if config.grasps.source == "library":
+            path = library_file(config.hand.name, obj.name)
+            taken = {
+                "library": file_digest(path),
+                "object": obj.name,
+                "digest": obj.config["digest"],
+            }
+            return self.stage("grasps", obj.name, taken, hints={"file": str(path)})
         settings = {
             "hand": config.hand,
-            "grasps": config.grasps,
+            "grasps": without(config.grasps, "source"),
             "physics": config.physics,
             # Not losses.q1: a cell that learns with another metric keeps the same labels.
             "q1": Q1Config(),

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from dmfc.errors import DmfcError
 from dmfc.sweep.context import StageContext, write_json
@@ -37,6 +37,9 @@ def prepare_object(ctx: StageContext) -> None:
 
 def plan_grasps(ctx: StageContext) -> None:
     """grasps: `grasps.parquet`; an object that cannot be grasped has an empty set."""
+    if "library" in ctx.config:
+        _take_grasps(ctx)
+        return
     from dmfc.grasps.planner import plan
     from dmfc.hand.mjcf import load_description
     from dmfc.objects.model import ObjectModel
@@ -50,7 +53,35 @@ def plan_grasps(ctx: StageContext) -> None:
         ctx.config["q1"],
         ctx.progress,
     )
+    found.notes["object_digest"] = _record(ctx.input("object"))["digest"]
     found.save(ctx.out / GRASPS)
+
+
+def _take_grasps(ctx: StageContext) -> None:
+    """Grasps of the library; refused if they were planned for another shape of that name."""
+    import shutil
+
+    from dmfc.grasps.grasp_set import GraspSet
+    from dmfc.grasps.library import file_digest
+
+    path = Path(ctx.hints["file"])
+    found = GraspSet.load(path)
+    name = ctx.config["object"]
+    if file_digest(path) != ctx.config["library"]:
+        raise DmfcError(f"{path} has changed since the sweep began: run it again")
+    if found.object_id != name or found.notes.get("object_digest") != ctx.config["digest"]:
+        raise DmfcError(
+            f"the library's grasps of '{name}' were planned for another mesh: "
+            "set grasps.source=plan to plan them anew"
+        )
+    shutil.copyfile(path, ctx.out / GRASPS)
+
+
+def _record(folder: Path) -> dict[str, Any]:
+    """The settings with which a finished stage was run."""
+    import json
+
+    return json.loads((folder / "stage.json").read_text())["config"]
 
 
 def make_scenes(ctx: StageContext) -> None:
@@ -120,12 +151,7 @@ class _Objects(Mapping[str, "ObjectModel"]):
     """
 
     def __init__(self, folders: list[Path]) -> None:
-        import json
-
-        self._folders = {
-            json.loads((folder / "stage.json").read_text())["config"]["object"]: folder
-            for folder in folders
-        }
+        self._folders = {_record(folder)["object"]: folder for folder in folders}
         self._loaded: dict[str, ObjectModel] = {}
 
     def __getitem__(self, object_id: str) -> ObjectModel:
