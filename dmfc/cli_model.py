@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -61,6 +63,12 @@ def evaluate(
     overrides: Overrides = None,
     store: Store = STORE,
     as_json: AsJson = False,
+    only: Annotated[
+        str, typer.Option("--only", help="scene:trial, one trial once more, with a picture.")
+    ] = "",
+    picture: Annotated[Path, typer.Option(help="Where --only writes its strip of frames.")] = Path(
+        "trial.png"
+    ),
 ) -> None:
     """Execute a model's grasps on the test scenes in MuJoCo, and print its rates."""
     from dmfc.report.formats import rate_text, to_json
@@ -74,6 +82,12 @@ def evaluate(
     config = session.config
     stages = session.builder.cell(config, model, model).evaluations
     require(session.make(stages), stages)
+    if only:
+        from dmfc.sweep.replay import replay
+
+        outcome = replay(session.ledger, stages, only, picture)
+        answer({**asdict(outcome), "picture": str(picture)})
+        return
     import pandas as pd
 
     paths = [session.ledger.folder(stage.address) / "trials.parquet" for stage in stages]

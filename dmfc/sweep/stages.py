@@ -13,6 +13,7 @@ from dmfc.errors import DmfcError
 from dmfc.sweep.context import StageContext, write_json
 
 if TYPE_CHECKING:
+    from dmfc.execution.evaluate import Evaluation
     from dmfc.grasps.grasp_set import GraspSet
     from dmfc.hand.model import HandModel
     from dmfc.objects.model import ObjectModel
@@ -41,7 +42,7 @@ def plan_grasps(ctx: StageContext) -> None:
         _take_grasps(ctx)
         return
     from dmfc.grasps.planner import plan
-    from dmfc.hand.mjcf import load_description
+    from dmfc.hand.description import load_description
     from dmfc.objects.model import ObjectModel
 
     found = plan(
@@ -120,27 +121,39 @@ def finetune(ctx: StageContext) -> None:
 def evaluate(ctx: StageContext) -> None:
     """evaluate: `trials.parquet`, a row per trial of a shard of test scenes."""
     from dmfc.execution.evaluate import evaluate_shard
+
+    evaluate_shard(evaluation_of(ctx.config, ctx.inputs), ctx.out / TRIALS, ctx.progress)
+
+
+def evaluation_of(config: Mapping[str, Any], inputs: Mapping[str, Path | list[Path]]) -> Evaluation:
+    """What an evaluation stage executes, from its settings and the folders of its inputs."""
+    from dmfc.execution.evaluate import Evaluation
+    from dmfc.hand.description import load_description
+    from dmfc.hand.model import HandModel
     from dmfc.scenes.scene_set import SceneSet
+    from dmfc.training.weights import load_network
 
-    row = ctx.config["row"]
-    hand = _hand(ctx)
-    network = None
-    if row == "model":
-        from dmfc.training.weights import load_network
+    def one(name: str) -> Path:
+        folder = inputs[name]
+        assert isinstance(folder, Path)
+        return folder
 
-        network = load_network(ctx.input("model"), hand)
-    evaluate_shard(
+    def several(name: str) -> list[Path]:
+        folders = inputs[name]
+        assert isinstance(folders, list)
+        return folders
+
+    hand, row = HandModel.load(one("hand") / HAND), config["row"]
+    return Evaluation(
         row=row,
-        scenes=SceneSet.open([ctx.input("scenes") / SCENES]),
-        objects=_Objects(ctx.input_list("objects")),
-        grasps=_grasp_sets(ctx.input_list("grasps")) if row == "planner" else None,
-        network=network,
+        scenes=SceneSet.open([one("scenes") / SCENES]),
+        objects=_Objects(several("objects")),
+        grasps=_grasp_sets(several("grasps")) if row == "planner" else None,
+        network=load_network(one("model"), hand) if row == "model" else None,
         hand=hand,
-        hand_config=ctx.config["hand"],
-        physics=ctx.config["physics"],
-        config=ctx.config["execution"],
-        out=ctx.out / TRIALS,
-        progress=ctx.progress,
+        description=load_description(config["hand"].name),
+        physics=config["physics"],
+        config=config["execution"],
     )
 
 
