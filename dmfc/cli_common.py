@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import shlex
 import sys
@@ -76,7 +77,11 @@ def run_shown(targets: Sequence[Stage], ledger: Ledger, config: Config) -> Outco
 
     console = stderr()
     alone = len(unfinished(targets, ledger)) == 1
-    outcomes = run_stages(targets, ledger, config, watcher=Progress(ledger, console), local=alone)
+    # Ray prints the deaths of its processes on standard output, which belongs to the answer.
+    with contextlib.redirect_stdout(sys.stderr):
+        outcomes = run_stages(
+            targets, ledger, config, watcher=Progress(ledger, console), local=alone
+        )
     if any(outcome.status == "interrupted" for outcome in outcomes.values()):
         line = shlex.join(["dmfc", *sys.argv[1:]])
         console.print(f"stopped; finished stages are kept. Go on with:\n  {line}", soft_wrap=True)

@@ -189,7 +189,7 @@ def test_two_sweeps_in_one_call_share_stages(dmfc, no_science, tmp_path):
     assert status == 0
     names = [entry["name"] for entry in json.loads(out)["sweeps"]]
     assert names == ["table1", "table2"]
-    assert len(list((tmp_path / "stages" / "object").iterdir())) == 4
+    assert len(list((tmp_path / "stages" / "object").iterdir())) == 8
 
 
 def test_evaluate_and_train_run_what_they_need(dmfc, no_science, tmp_path):

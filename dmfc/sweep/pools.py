@@ -13,6 +13,10 @@ OBJECT_STORE_BYTES = 100 * 2**20
 """Ray's shared memory: stages exchange files, so the least it accepts is plenty."""
 
 
+NODE_DEATHS = ("LocalRayletDiedError", "NodeDiedError", "RaySystemError")
+"""Errors of Ray after which the cluster that we started is gone."""
+
+
 class Pool(Protocol):
     """Runs jobs; an error is an outcome, never raised."""
 
@@ -54,15 +58,19 @@ class RayPool:
     def __init__(self, run: RunConfig) -> None:
         import ray
 
-        self._ray = ray
+        self._ray, self._run = ray, run
         self._owns = not ray.is_initialized()
+        self._broken = False
         if self._owns:
             _start_ray(run)
         self.cpus = int(ray.cluster_resources().get("CPU", 1))
         self._task = ray.remote(execute)
         self._running: dict[Any, Job] = {}
+        self._lost: list[Job] = []
 
     def submit(self, job: Job) -> None:
+        if self._broken and self._owns:
+            self._restart()
         # max_retries=0: the engine counts attempts, so that a death is seen and told.
         task = self._task.options(
             name=f"{job.kind} {job.name}", num_cpus=job.cpus, num_gpus=job.gpus, max_retries=0
@@ -70,6 +78,9 @@ class RayPool:
         self._running[task.remote(job)] = job
 
     def wait(self, seconds: float) -> list[tuple[Job, Outcome]]:
+        if self._lost:
+            lost, self._lost = self._lost, []
+            return [(job, Outcome("died", reason="Ray died under it")) for job in lost]
         if not self._running:
             return []
         ready, rest = self._ray.wait(list(self._running), num_returns=1, timeout=seconds)
@@ -85,11 +96,20 @@ class RayPool:
         if self._owns:
             self._ray.shutdown()
 
+    def _restart(self) -> None:
+        """Ray itself died here: start it again. What ran on it is told as died by the next wait."""
+        self._ray.shutdown()
+        self._lost += list(self._running.values())
+        self._running.clear()
+        _start_ray(self._run)
+        self._broken = False
+
     def _outcome(self, ref: Any) -> Outcome:
         try:
             return self._ray.get(ref)
         except self._ray.exceptions.RayError as error:
             reason = str(error).strip().splitlines()[0]
+            self._broken = self._broken or type(error).__name__ in NODE_DEATHS
             return Outcome("died", reason=f"its worker died ({type(error).__name__}: {reason})")
 
 

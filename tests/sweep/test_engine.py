@@ -1,9 +1,15 @@
 """The engine: every stage once, failures apart, resume, two drivers."""
 
 import json
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import pytest
 from trivial_graph import TRIVIAL, trivial
@@ -12,6 +18,8 @@ from dmfc.sweep.context import read_progress
 from dmfc.sweep.engine import run_stages, unfinished
 from dmfc.sweep.ledger import Ledger
 from dmfc.sweep.worker import ERROR_LOG
+
+HERE = Path(__file__).resolve().parent
 
 
 def run(targets, ledger, config, **options):
@@ -159,3 +167,60 @@ def test_progress_is_seen_from_outside(ledger, config):
         time.sleep(0.05)
     driver.join()
     assert any(message.startswith("step") for message in seen)
+
+
+def test_a_killed_driver_leaves_a_store_that_goes_on(ledger, config, tmp_path):
+    log = tmp_path / "log"
+    stages = [trivial("slow", f"s{i}", i, seconds=0.5, log=str(log)) for i in range(4)]
+    total = trivial("add", "total", 0, {"parts": tuple(stages)}, log=str(log))
+    driver = multiprocessing.get_context("fork").Process(
+        target=run, args=([total], ledger, config), kwargs={"local": True}
+    )
+    driver.start()
+    while not log.exists() or "s1" not in log.read_text():
+        time.sleep(0.02)
+    time.sleep(0.2)  # into the next stage
+    os.kill(driver.pid, signal.SIGKILL)
+    driver.join()
+    finished = [stage.name for stage in stages if ledger.finished(stage.address)]
+    assert 1 <= len(finished) < 4
+    outcomes = run([total], ledger, config, local=True)
+    assert all(outcome.ok for outcome in outcomes.values())
+    assert result(ledger, total) == 6
+    names = log.read_text().split()
+    assert all(names.count(name) == 1 for name in finished)
+    assert list((ledger.store / "stages").rglob(".partial-*")) == []
+
+
+@pytest.mark.full
+def test_ray_is_started_again_when_it_dies(tmp_path):
+    """Kill the raylet under a running graph, in a process that owns its Ray."""
+    code = f"""
+import os, signal, sys, threading, time
+sys.path[:0] = [{str(HERE)!r}, {str(HERE.parents[1])!r}]
+from pathlib import Path
+from trivial_graph import TRIVIAL, trivial
+from dmfc.config.schema import Config
+from dmfc.sweep.engine import run_stages
+from dmfc.sweep.ledger import Ledger
+
+def kill_raylet(job=[]):
+    import ray
+    while not list(Path({str(tmp_path)!r}).glob("stages/slow/*/stage.json")):
+        time.sleep(0.05)
+    os.kill(ray._private.worker._global_node.all_processes["raylet"][0].process.pid, signal.SIGKILL)
+
+threading.Thread(target=kill_raylet, daemon=True).start()
+stages = [trivial("slow", f"s{{i}}", i, seconds=1.0) for i in range(8)]
+outcomes = run_stages(stages, Ledger(Path({str(tmp_path)!r})), Config(), kinds=TRIVIAL)
+print(*sorted(outcome.status for outcome in outcomes.values()))
+"""
+    path = f"{HERE}:{HERE.parents[1]}"
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "PYTHONPATH": path},
+        check=False,
+    )
+    assert done.stdout.splitlines()[-1].split() == ["ran"] * 8, done.stderr
