@@ -36,7 +36,17 @@ LAYERS = [
 ]
 """Lowest first; a part imports from its own layer and from lower ones."""
 
-HEAVY = {"ray", "mlflow", "mujoco", "lightning", "torch", "coacd", "matplotlib", "trimesh", "pandas"}
+HEAVY = {
+    "ray",
+    "mlflow",
+    "mujoco",
+    "lightning",
+    "torch",
+    "coacd",
+    "matplotlib",
+    "trimesh",
+    "pandas",
+}
 ABSENT = {"mujoco", "ray", "mlflow", "trimesh", "coacd"}
 
 
