@@ -208,10 +208,15 @@ def palm_hits(
     travelled = np.zeros(len(reference))
     best, best_gap = np.zeros(len(reference)), np.full(len(reference), np.inf)
     for _ in range(200):
-        gap = np.maximum(-model.sdf.distance(reference + travelled[:, None] * direction), 0.0)
+        points = reference + travelled[:, None] * direction
+        gap = np.maximum(-model.sdf.distance(points), 0.0)
         closer = gap < best_gap
         best[closer], best_gap[closer] = travelled[closer], gap[closer]
-        travelled += np.maximum(gap, 0.0005) * (gap > 0.0)
+        # Beyond the grid its distance may be too long by twice the way to the grid.
+        beyond = points - np.clip(points, model.sdf.origin, model.sdf.upper)
+        to_grid = np.linalg.norm(beyond, axis=1)
+        step = np.maximum(gap - 2 * to_grid, to_grid)
+        travelled += np.maximum(step, 0.0005) * (gap > 0.0)
     hits = reference + best[:, None] * direction
     beside = best_gap > 0.0005
     if beside.any():
