@@ -53,7 +53,7 @@ class Outcome:
     pushed: float = 0.0
     """How far the object's centre moved in the world until the lift."""
     neighbour_moved: float = 0.0
-    """Farthest that another object of the scene moved."""
+    """Farthest that the centre of another object of the scene moved."""
     simulated: float = 0.0
     """Simulated time."""
 
@@ -157,7 +157,7 @@ class TrialRunner:
                 world.drive_palm(pose)
                 world.drive_joints(angles)
                 mujoco.mj_step(world.model, world.data)
-                if step % look == look - 1:
+                if step % look == look - 1 or step == len(poses) - 1:
                     if observer:
                         observer(phase.name, world)
                     watch.look(phase.name)
@@ -191,7 +191,7 @@ class _Watch:
         self.T_palm_object: np.ndarray | None = None
 
     def look(self, phase: str) -> None:
-        """Every 50 ms: penetration, divergence, whether the object is still there."""
+        """Every 50 ms: divergence, penetration, neighbours, whether the object is still there."""
         world, outcome = self.world, self.outcome
         outcome.simulated = world.data.time - self.start_time
         if world.diverged():
@@ -199,6 +199,12 @@ class _Watch:
             return
         touching, depth = self._touch()
         outcome.max_penetration = max(outcome.max_penetration, depth)
+        for k, rest in enumerate(self.rest_poses):
+            if k != self.target:
+                moved = (world.object_pose(k) - rest) @ np.append(world.objects[k].com, 1.0)
+                outcome.neighbour_moved = max(
+                    outcome.neighbour_moved, float(np.linalg.norm(moved[:3]))
+                )
         height = self._height()
         self.best_height = max(self.best_height, height)
         if touching:
@@ -229,10 +235,6 @@ class _Watch:
     def end(self) -> None:
         """After the hold: in the hand, near the palm, off the table and off its neighbours."""
         outcome = self.outcome
-        for k, rest in enumerate(self.rest_poses):
-            if k != self.target:
-                moved = np.linalg.norm((self.world.object_pose(k) - rest)[:3, 3])
-                outcome.neighbour_moved = max(outcome.neighbour_moved, float(moved))
         palm = self.world.palm_pose()[:3, 3]
         near = np.linalg.norm(self._position() - palm) <= self.config.palm_distance
         supported = self._supported()

@@ -108,7 +108,7 @@ def dof_actuators(spec: mujoco.MjSpec, description: HandDescription) -> list[str
     names = [driven[name] for name in description.dofs]
     for name in names:
         actuator = spec.actuator(name)
-        if actuator.gainprm[0] <= 0 or actuator.biasprm[1] != -actuator.gainprm[0]:
+        if actuator.biasprm[1] != -actuator.gainprm[0]:
             raise DmfcError(f"hand '{description.name}': actuator '{name}' is no position servo")
     return names
 

@@ -1,0 +1,21 @@
+"""The hand and planned grasps that the trials execute."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from dmfc.hand.description import HandDescription
+from dmfc.hand.model import HandModel
+from tests.grasps import grasp_shapes
+
+
+@pytest.fixture(scope="session")
+def hand(shadow_hand_dir: Path) -> HandModel:
+    return grasp_shapes.shadow()[0]
+
+
+@pytest.fixture(scope="session")
+def description(hand: HandModel) -> HandDescription:
+    return grasp_shapes.shadow()[1]

@@ -1,0 +1,136 @@
+"""Trial rows of scenes: K per scene whatever happens, and the same each time."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from dmfc.config.execution import ExecutionConfig
+from dmfc.config.physics import PhysicsConfig
+from dmfc.errors import DmfcError
+from dmfc.execution.evaluate import Evaluation, evaluate_shard
+from dmfc.execution.trial import REASONS
+from dmfc.hand.description import HandDescription
+from dmfc.hand.model import HandModel
+from dmfc.report.rates import rates
+from dmfc.scenes.scene_set import SceneSet, write_shard
+from tests.execution.execution_shapes import good, scene_of, standing
+from tests.grasps.grasp_shapes import planned, shape
+
+K = ExecutionConfig().grasps_per_scene
+
+
+@pytest.fixture(scope="module")
+def scenes(hand: HandModel, tmp_path_factory: pytest.TempPathFactory) -> SceneSet:
+    """More labels of one object than are executed; two of two; none."""
+    assert len(good("block")) >= K
+    path = tmp_path_factory.mktemp("scenes") / "scenes.parquet"
+    made = [
+        scene_of(10, ["block"], [standing("block", turn=0.4)], [(0, k) for k in good("block")]),
+        scene_of(
+            11,
+            ["ball", "block"],
+            [standing("ball", 0.3), standing("block", -0.3)],
+            [(0, 0), (1, 1)],
+        ),
+        scene_of(12, ["block"], [standing("block")], []),
+    ]
+    write_shard(path, made, {})
+    return SceneSet.open([path])
+
+
+@pytest.fixture(scope="module")
+def planner(hand: HandModel, description: HandDescription, scenes: SceneSet) -> Evaluation:
+    objects = {shape(name).id: shape(name) for name in ("block", "ball")}
+    return Evaluation(
+        row="planner",
+        scenes=scenes,
+        objects=objects,
+        grasps={shape(name).id: planned(name) for name in ("block", "ball")},
+        network=None,
+        hand=hand,
+        description=description,
+        physics=PhysicsConfig(),
+        config=ExecutionConfig(),
+    )
+
+
+@pytest.fixture(scope="module")
+def rows(planner: Evaluation, tmp_path_factory: pytest.TempPathFactory) -> pd.DataFrame:
+    path = tmp_path_factory.mktemp("rows") / "trials.parquet"
+    evaluate_shard(planner, path)
+    return pd.read_parquet(path)
+
+
+def test_every_scene_has_k_rows_whatever_happens(rows: pd.DataFrame, scenes: SceneSet) -> None:
+    assert len(rows) == K * len(scenes)
+    assert rows.groupby("scene")["trial"].apply(list).to_dict() == {
+        number: list(range(K)) for number in (10, 11, 12)
+    }
+    missing = rows[rows["reason"] == "no candidate"]
+    assert missing.groupby("scene").size().to_dict() == {11: K - 2, 12: K}
+    assert not missing["planned"].any()
+    assert not missing["held"].any()
+    assert (missing["object"] == "").all()
+    assert missing["confidence"].isna().all()
+
+
+def test_every_failure_has_a_reason_and_only_failures(rows: pd.DataFrame) -> None:
+    assert (rows["held"] == (rows["reason"] == "")).all()
+    assert rows.loc[~rows["held"], "reason"].isin(REASONS).all()
+    assert not (rows["held"] & ~rows["planned"]).any()
+
+
+def test_planned_grasps_hold_and_the_rates_count_what_is_missing(rows: pd.DataFrame) -> None:
+    assert rows.loc[rows["scene"] == 10, "held"].sum() >= 2
+    assert set(rows.loc[rows["scene"] == 11, "object"][:2]) == {shape("ball").id, shape("block").id}
+    found = rates(rows, trials=3 * K)
+    assert found.overall.trials == found.valid.trials == 3 * K
+    assert found.success.trials == rows["planned"].sum()
+    assert found.overall.successes == rows["held"].sum()
+
+
+def test_the_same_again(planner: Evaluation, rows: pd.DataFrame, tmp_path: Path) -> None:
+    told: list[float] = []
+    evaluate_shard(planner, tmp_path / "again", lambda fraction, message: told.append(fraction))
+    pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "again"), rows, check_exact=True)
+    assert told == pytest.approx([1 / 3, 2 / 3, 1])
+
+
+def test_a_scene_does_not_depend_on_those_before_it(
+    planner: Evaluation, rows: pd.DataFrame
+) -> None:
+    alone = pd.DataFrame(list(planner.trials(planner.scenes[1])))
+    expected = rows[rows["scene"] == 11].reset_index(drop=True)
+    pd.testing.assert_frame_equal(alone, expected, check_exact=True)
+
+
+def test_the_random_row_is_executed_likewise(planner: Evaluation) -> None:
+    evaluation = dataclasses.replace(planner, row="random", grasps=None)
+    rows = pd.DataFrame(list(evaluation.trials(planner.scenes[2])))
+    assert len(rows) == K
+    assert rows["object"].unique().tolist() == [shape("block").id]
+    assert rows.loc[~rows["held"], "reason"].isin(REASONS).all()
+    assert "no candidate" not in set(rows["reason"])
+
+
+def test_grasps_of_low_confidence_are_not_executed(planner: Evaluation) -> None:
+    unsure = {
+        name: dataclasses.replace(grasps, robustness=np.full(len(grasps), 0.1))
+        for name, grasps in (planner.grasps or {}).items()
+    }
+    evaluation = dataclasses.replace(planner, grasps=unsure)
+    rows = pd.DataFrame(list(evaluation.trials(planner.scenes[0])))
+    assert rows["reason"].tolist() == ["no candidate"] * K
+
+
+@pytest.mark.parametrize("row", ["model", "random"])
+def test_a_row_gets_what_it_needs_and_nothing_else(planner: Evaluation, row: str) -> None:
+    with pytest.raises(DmfcError, match=f"row '{row}'"):
+        dataclasses.replace(planner, row=row)
+    with pytest.raises(DmfcError, match="row 'planner'"):
+        dataclasses.replace(planner, grasps=None)
