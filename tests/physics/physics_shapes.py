@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 
+import mujoco
 import numpy as np
 import trimesh
 from scipy.spatial.transform import Rotation
 
 from dmfc.objects.model import ObjectModel
+from dmfc.physics.world import World
 from tests.scenes.scene_shapes import model_of
 
 
@@ -49,3 +51,25 @@ def random_pose(generator: np.random.Generator, reach: float = 0.5) -> np.ndarra
     T[:3, :3] = Rotation.random(random_state=generator).as_matrix()
     T[:3, 3] = generator.uniform(-reach, reach, 3)
     return T
+
+
+GRAVITY = 9.81
+AWAY = pose(0.4, 0.0, 0.6)
+"""Of the palm, clear of everything."""
+STANDING = pose(z=0.06)
+"""Of the block on the table."""
+
+
+def place(world: World, poses: list[np.ndarray], palm: np.ndarray = AWAY) -> None:
+    world.reset()
+    world.place_palm(palm, world.hand.open_joints)
+    for k, T in enumerate(poses):
+        world.place_object(k, T)
+
+
+def step(world: World, seconds: float) -> None:
+    mujoco.mj_step(world.model, world.data, round(seconds / world.model.opt.timestep))
+
+
+def angle(first: np.ndarray, second: np.ndarray) -> float:
+    return float(Rotation.from_matrix(first[:3, :3].T @ second[:3, :3]).magnitude())
