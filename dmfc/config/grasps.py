@@ -16,7 +16,7 @@ class GraspsConfig:
     per_object: int = setting(100, "verified grasps wanted per object")
     max_checks: int = setting(2000, "checks in MuJoCo per object before the planner gives up")
     batch: int = setting(256, "candidates proposed at a time")
-    keep: float = setting(0.25, "share of a batch, the best by Q1, that is checked in MuJoCo")
+    keep: float = setting(0.1, "share of a batch, the best by Q1, that is checked in MuJoCo")
     surplus: float = setting(1.2, "grasps found per grasp kept; those kept are spread apart")
     seed: int = setting(0, "seed of the planner")
 
@@ -25,11 +25,19 @@ class GraspsConfig:
         1.0, "share of candidates that leave room for a table under a stable pose of the object"
     )
     approach_tilt: float = setting(0.25, "spread of the approach about the surface normal")
-    palm_shift: list[float] = setting([-0.02, 0.05], "target ahead of the palm's centre, metres")
-    palm_gap: list[float] = setting([0.0, 0.08], "palm to target before backing off, metres")
+    straddle_share: float = setting(
+        0.8, "share of candidates that put thumb and fingers on both sides of a narrow width"
+    )
+    rolls: int = setting(4, "rolls among which the narrowest width is taken; the first is random")
+    finger_reach: float = setting(0.08, "how deep the fingers reach from the palm, metres")
+    palm_shift: list[float] = setting([-0.02, 0.04], "target ahead of the palm's centre, metres")
+    palm_gap: list[float] = setting([0.0, 0.03], "palm to target before backing off, metres")
     back_off: float = setting(0.08, "farthest retreat of a hand that does not fit, metres")
     back_off_step: float = setting(0.004, "step of the retreat, metres")
     clearance: float = setting(0.001, "gap between the open hand and the object, metres")
+    approach: float = setting(0.1, "way along the palm normal that the open hand comes, metres")
+    approach_steps: int = setting(6, "poses of it that are checked against the object")
+    approach_depth: float = setting(0.001, "penetration that is allowed there, metres")
     close_range: float = setting(1.8, "farthest closing of a finger, rad of its first joint")
     close_steps: int = setting(24, "steps of the closing")
 

@@ -70,7 +70,7 @@ class Proposer:
             return Candidates(position, rotation, preshape, preshape, nothing, pose[free])
         joints, touching = self._close(position, rotation, preshape)
         closed = Candidates(position, rotation, preshape, joints, touching, pose[free])
-        return closed[(touching.sum(axis=1) >= 2) & self._above(closed, support[free])]
+        return closed[(touching.sum(axis=1) >= 2) & self._reachable(closed, support[free])]
 
     def _stable_poses(self, count: int, generator: np.random.Generator) -> np.ndarray:
         """[count] poses of the object, by their probability, or -1 for a share without a table."""
@@ -97,15 +97,43 @@ class Proposer:
         tilt = generator.normal(0.0, config.approach_tilt, (count, 3))
         approach = -self.model.surface_normals[rows].astype(np.float64) + tilt
         approach /= np.linalg.norm(approach, axis=1, keepdims=True)
-        fingers_to = np.cross(approach, generator.normal(size=(count, 3)))
-        fingers_to /= np.linalg.norm(fingers_to, axis=1, keepdims=True)
+        fingers_to, middle = self._straddle(target, approach, generator)
         axis = self._finger_axis()
         rotation = _frames(approach, fingers_to) @ _frames(hand.palm_normal, axis).T
-        # The target lies somewhere between the palm's centre and the roots of the fingers.
+        # What is held lies somewhere between the palm's centre and the roots of the fingers.
         ahead = _between(config.palm_shift, count, generator) * axis
         reference = hand.palm_reference + ahead
         gap = _between(config.palm_gap, count, generator)
-        return target - gap * approach - np.einsum("bij,bj->bi", rotation, reference), rotation
+        at = target + middle * fingers_to - gap * approach
+        return at - np.einsum("bij,bj->bi", rotation, reference), rotation
+
+    def _straddle(
+        self, target: np.ndarray, approach: np.ndarray, generator: np.random.Generator
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Directions of the fingers [B, 3], and how far the object's middle is along them [B, 1].
+
+        Of a few random rolls the one is taken across which the object is narrowest, and the hand is
+        centred on that width, so that thumb and fingers come down on both sides; a share of the
+        candidates is left as it falls.
+        """
+        config, count = self.config, len(target)
+        rolls = np.cross(approach, generator.normal(size=(config.rolls, count, 3)))
+        rolls /= np.linalg.norm(rolls, axis=2, keepdims=True)
+        sample = generator.choice(len(self.model.surface_points), size=512)
+        ahead = self.model.surface_points[sample].astype(np.float64) - target[:, None]
+        depth = np.einsum("bsi,bi->bs", ahead, approach)
+        along = np.einsum("bsi,kbi->kbs", ahead, rolls)
+        aside = np.einsum("bsi,kbi->kbs", ahead, np.cross(approach, rolls))
+        reached = (np.abs(aside) < 0.02) & (depth > -0.01) & (depth < config.finger_reach)
+        low = np.where(reached, along, np.inf).min(axis=2)
+        high = np.where(reached, along, -np.inf).max(axis=2)
+        width = np.where(reached.any(axis=2), high - low, np.inf)
+        best = np.argmin(width, axis=0)
+        best[generator.uniform(size=count) >= config.straddle_share] = 0
+        row = np.arange(count)
+        middle = 0.5 * (low + high)[best, row]
+        middle[(best == 0) | ~np.isfinite(middle)] = 0.0
+        return rolls[best, row], middle[:, None]
 
     def _targets(self, support: np.ndarray, generator: np.random.Generator) -> np.ndarray:
         """[B] surface points that do not look down on the table."""
@@ -114,14 +142,20 @@ class Proposer:
         down = np.einsum("kbi,bi->kb", normals[rows], support[:, :3]) < -0.3
         return rows[np.argmin(down, axis=0), np.arange(len(support))]
 
-    def _above(self, closed: Candidates, support: np.ndarray) -> np.ndarray:
-        """[B] whether the closed and the opened hand keep off the table."""
-        opened = self.hand.opened(closed.joints)
-        above = np.ones(len(closed), dtype=bool)
-        for joints in (closed.joints, opened):
-            at = self._place(closed.position, closed.rotation, joints)
-            above &= _heights(at, support).min(axis=1) > 0.0
-        return above
+    def _reachable(self, closed: Candidates, support: np.ndarray) -> np.ndarray:
+        """[B] whether the hand keeps off the table, and gets there open without hitting the object.
+
+        The way there is along the palm normal, from as far as the trials of execution come.
+        """
+        opened = self._place(closed.position, closed.rotation, self.hand.opened(closed.joints))
+        at_grasp = self._place(closed.position, closed.rotation, closed.joints)
+        heights = np.minimum(_heights(opened, support), _heights(at_grasp, support))
+        rows = np.flatnonzero(heights.min(axis=1) > 0.0)
+        back = -np.einsum("bij,j->bi", closed.rotation, self.hand.palm_normal)
+        for distance in np.linspace(0.0, self.config.approach, self.config.approach_steps):
+            moved = opened[rows] + distance * back[rows, None]
+            rows = rows[self.model.sdf.distance(moved).max(axis=1) < self.config.approach_depth]
+        return np.isin(np.arange(len(closed)), rows)
 
     def _finger_axis(self) -> np.ndarray:
         """[3] the direction from the palm's centre to the finger tips of the straight hand."""
@@ -133,11 +167,17 @@ class Proposer:
         return axis / np.linalg.norm(axis)
 
     def _preshapes(self, count: int, generator: np.random.Generator) -> np.ndarray:
-        """Open hands drawn from the description's ranges, the fingers of a hand flexed alike."""
-        lower, upper = self.description.preshape_range.T
-        alike = generator.uniform(size=(count, 1))
-        own = generator.uniform(size=(count, len(lower)))
+        """Open hands drawn from the description's ranges.
+
+        Joints that close the hand and have the same range, such as the knuckles of all fingers, are
+        flexed about alike.
+        """
+        ranges = self.description.preshape_range
+        _, kind = np.unique(ranges, axis=0, return_inverse=True)
+        alike = generator.uniform(size=(count, kind.max() + 1))[:, kind.ravel()]
+        own = generator.uniform(size=(count, len(ranges)))
         mixed = np.where(self.hand.flexion != 0, 0.7 * alike + 0.3 * own, own)
+        lower, upper = ranges.T
         return np.clip(lower + mixed * (upper - lower), self.hand.lower, self.hand.upper)
 
     def _back_off(
