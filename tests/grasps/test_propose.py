@@ -26,7 +26,7 @@ def proposer(hand: HandModel, description: HandDescription) -> Proposer:
 
 @pytest.fixture(scope="module")
 def drawn(proposer: Proposer) -> Candidates:
-    return proposer.draw(200, np.random.default_rng(0))
+    return proposer.draw(120, np.random.default_rng(0))
 
 
 def surface(hand: HandModel, candidates: Candidates, joints: np.ndarray) -> np.ndarray:
@@ -39,7 +39,7 @@ def surface(hand: HandModel, candidates: Candidates, joints: np.ndarray) -> np.n
 
 def test_there_are_candidates_and_their_arrays_agree(hand: HandModel, drawn: Candidates) -> None:
     count = len(drawn)
-    assert 20 < count < 200
+    assert 15 < count < 120
     assert drawn.rotation.shape == (count, 3, 3)
     assert drawn.preshape.shape == drawn.joints.shape == (count, 18)
     assert drawn.touching.shape == (count, 5)
@@ -100,8 +100,8 @@ def test_candidates_without_a_table_reach_below(
 
 
 def test_the_same_seed_draws_the_same(proposer: Proposer, drawn: Candidates) -> None:
-    again = proposer.draw(200, np.random.default_rng(0))
-    other = proposer.draw(200, np.random.default_rng(1))
+    again = proposer.draw(120, np.random.default_rng(0))
+    other = proposer.draw(120, np.random.default_rng(1))
     for entry in dataclasses.fields(Candidates):
         assert np.array_equal(getattr(drawn, entry.name), getattr(again, entry.name))
     assert not np.array_equal(drawn.position[:3], other.position[:3])
