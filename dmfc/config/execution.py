@@ -21,7 +21,7 @@ class ExecutionConfig:
     approach_tolerance: float = setting(
         0.003, "penetration of open hand and table or object up to the grasp pose, metres"
     )
-    grasp_tolerance: float = setting(0.01, "penetration of the closed hand at the grasp, metres")
+    grasp_tolerance: float = setting(0.01, "penetration of the closed hand and its target, metres")
 
     rest_height: float = setting(0.4, "height of the palm in its resting pose, metres")
     settle_time: float = setting(0.2, "s, the scene comes to rest before the hand moves")

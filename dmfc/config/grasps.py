@@ -16,11 +16,14 @@ class GraspsConfig:
     per_object: int = setting(100, "verified grasps wanted per object")
     max_checks: int = setting(2000, "checks in MuJoCo per object before the planner gives up")
     batch: int = setting(256, "candidates proposed at a time")
+    max_batches: int = setting(400, "batches proposed per object before the planner gives up")
     keep: float = setting(0.1, "share of a batch, the best by Q1, that is checked in MuJoCo")
     surplus: float = setting(1.2, "grasps found per grasp kept; those kept are spread apart")
     seed: int = setting(0, "seed of the planner")
 
-    proposal_points: int = setting(400, "points of the hand's surface that proposals look at")
+    proposal_points: int = setting(
+        400, "points of the hand's surface by which most proposals are dropped; then all count"
+    )
     table_share: float = setting(
         1.0, "share of candidates that leave room for a table under a stable pose of the object"
     )

@@ -22,4 +22,6 @@ class PhysicsConfig:
         5.0, "finger gains over the MJCF's, too soft to squeeze; its torque limits stay"
     )
     base_mass: float = setting(1.0, "kg added to the palm for what carries it")
-    contact_time: float = setting(0.005, "s, time constant of objects' contacts (MuJoCo's solref)")
+    contact_time: float = setting(
+        0.005, "s, time constant of contacts of objects and table (MuJoCo's solref)"
+    )

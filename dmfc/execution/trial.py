@@ -106,30 +106,36 @@ class TrialRunner:
         for share in np.linspace(0.0, 1.0, config.waypoints):
             T = grasp.copy()
             T[:3, 3] = pre[:3, 3] + share * (grasp[:3, 3] - pre[:3, 3])
-            table, other = self._depths(T, trajectory.opened)
+            table, grasped, others = self._depths(T, trajectory.opened, target)
             if table > config.approach_tolerance:
                 return "plan: table"
-            if other > config.approach_tolerance:
+            if max(grasped, others) > config.approach_tolerance:
                 return "plan: object"
-        table, other = self._depths(grasp, trajectory.closed)
+        table, grasped, others = self._depths(grasp, trajectory.closed, target)
         if table > config.approach_tolerance:
             return "plan: table"
-        return "plan: object" if other > config.grasp_tolerance else ""
+        deep = grasped > config.grasp_tolerance or others > config.approach_tolerance
+        return "plan: object" if deep else ""
 
-    def _depths(self, T_world_palm: np.ndarray, joints: np.ndarray) -> tuple[float, float]:
-        """Penetration of the hand with the table and with any object, metres."""
+    def _depths(
+        self, T_world_palm: np.ndarray, joints: np.ndarray, target: int
+    ) -> tuple[float, float, float]:
+        """Penetration of the hand with the table, the target and any other object, metres."""
         world = self.world
         self._reset()
         world.place_palm(T_world_palm, joints)
         mujoco.mj_kinematics(world.model, world.data)
         mujoco.mj_collision(world.model, world.data)
         owners, gaps = world.contacts()
-        hand = owners.min(axis=1) == -2
-        table = hand & (owners.max(axis=1) == -1)
-        other = hand & (owners.max(axis=1) >= 0)
+        hand, owner = owners.min(axis=1) == -2, owners.max(axis=1)
+
+        def deepest(mask: np.ndarray) -> float:
+            return float(-gaps[hand & mask].min(initial=0.0))
+
         return (
-            float(-gaps[table].min(initial=0.0)),
-            float(-gaps[other].min(initial=0.0)),
+            deepest(owner == -1),
+            deepest(owner == target),
+            deepest((owner >= 0) & (owner != target)),
         )
 
     def _reset(self) -> None:

@@ -85,8 +85,12 @@ def lifts(
         world.drive_palm(pose)
         mujoco.mj_step(model, data)
     mujoco.mj_step(model, data, round(config.lift_hold / model.opt.timestep))
-    risen = world.object_pose(0)[2, 3] - T_world_object[2, 3]
-    return bool(not world.diverged() and risen > 0.5 * config.lift_height and _touch(world)[1])
+    centre = np.append(world.objects[0].com, 1.0)
+    risen = ((world.object_pose(0) - T_world_object) @ centre)[2]
+    owners, _ = world.contacts()
+    on_table = bool((np.sort(owners, axis=1) == [-1, 0]).all(axis=1).any())
+    held = risen > 0.5 * config.lift_height and _touch(world)[1] > 0
+    return bool(held and not on_table and not world.diverged())
 
 
 def _close(world: World, hand: HandModel, joints: np.ndarray, config: GraspsConfig) -> None:

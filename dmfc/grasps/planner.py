@@ -61,7 +61,7 @@ def plan(
     while len(found) < wanted and checked < config.max_checks:
         batch = proposer.draw(config.batch, generator)
         proposed += config.batch
-        if proposed > 20 * config.batch and not found and not checked:
+        if proposed > config.max_batches * config.batch:
             break
         values = score(batch)
         best = np.argsort(-values, kind="stable")[: max(1, round(config.keep * len(batch)))]

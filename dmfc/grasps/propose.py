@@ -6,7 +6,7 @@ finger meets the object, for a whole batch at once. What looks like a grasp goes
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -53,8 +53,9 @@ class Proposer:
         config: GraspsConfig,
     ) -> None:
         self.description = description
-        self.model, self.hand, self.config = model, hand.thinned(config.proposal_points), config
-        self.kinematics = HandKinematics(self.hand)
+        self.model, self.hand, self.config = model, hand, config
+        self._thin = _Points(hand.thinned(config.proposal_points))
+        self._all = _Points(hand)
         self.finger_of_dof, self.finger_of_link = fingers(hand)
 
     def draw(self, count: int, generator: np.random.Generator) -> Candidates:
@@ -64,13 +65,20 @@ class Proposer:
         position, rotation = self._palms(support, generator)
         preshape = self._preshapes(count, generator)
         position, free = self._back_off(position, rotation, preshape, support)
-        position, rotation, preshape = position[free], rotation[free], preshape[free]
-        if not len(position):
-            nothing = np.zeros((0, self.finger_of_dof.max() + 1), dtype=bool)
-            return Candidates(position, rotation, preshape, preshape, nothing, pose[free])
-        joints, touching = self._close(position, rotation, preshape)
-        closed = Candidates(position, rotation, preshape, joints, touching, pose[free])
-        return closed[(touching.sum(axis=1) >= 2) & self._reachable(closed, support[free])]
+        found = Candidates(
+            position[free],
+            rotation[free],
+            preshape[free],
+            preshape[free],
+            np.zeros((int(free.sum()), self.finger_of_dof.max() + 1), dtype=bool),
+            pose[free],
+        )
+        # A few points find the candidates; where exactly the fingers of those touch takes all.
+        for points in (self._thin, self._all):
+            found = self._close(found, points)
+            found = found[found.touching.sum(axis=1) >= 2]
+            found = found[self._reachable(found, points)]
+        return found
 
     def _stable_poses(self, count: int, generator: np.random.Generator) -> np.ndarray:
         """[count] poses of the object, by their probability, or -1 for a share without a table."""
@@ -142,17 +150,22 @@ class Proposer:
         down = np.einsum("kbi,bi->kb", normals[rows], support[:, :3]) < -0.3
         return rows[np.argmin(down, axis=0), np.arange(len(support))]
 
-    def _reachable(self, closed: Candidates, support: np.ndarray) -> np.ndarray:
+    def _reachable(self, closed: Candidates, points: _Points) -> np.ndarray:
         """[B] whether the hand keeps off the table, and gets there open without hitting the object.
 
         The way there is along the palm normal, from as far as the trials of execution come.
         """
-        opened = self._place(closed.position, closed.rotation, self.hand.opened(closed.joints))
-        at_grasp = self._place(closed.position, closed.rotation, closed.joints)
+        if not len(closed):
+            return np.zeros(0, dtype=bool)
+        support = self._supports(closed.stable_pose)
+        opened = points.at(closed.position, closed.rotation, self.hand.opened(closed.joints))
+        at_grasp = points.at(closed.position, closed.rotation, closed.joints)
         heights = np.minimum(_heights(opened, support), _heights(at_grasp, support))
         rows = np.flatnonzero(heights.min(axis=1) > 0.0)
         back = -np.einsum("bij,j->bi", closed.rotation, self.hand.palm_normal)
         for distance in np.linspace(0.0, self.config.approach, self.config.approach_steps):
+            if not len(rows):
+                break
             moved = opened[rows] + distance * back[rows, None]
             rows = rows[self.model.sdf.distance(moved).max(axis=1) < self.config.approach_depth]
         return np.isin(np.arange(len(closed)), rows)
@@ -160,7 +173,7 @@ class Proposer:
     def _finger_axis(self) -> np.ndarray:
         """[3] the direction from the palm's centre to the finger tips of the straight hand."""
         hand = self.hand
-        T = self.kinematics.forward(torch.zeros(1, hand.dofs))[0].numpy()
+        T = self._all.kinematics.forward(torch.zeros(1, hand.dofs))[0].numpy()
         tips = T[:, :3, 3] - hand.palm_reference
         axis = tips[np.argmax(np.linalg.norm(tips, axis=1))]
         axis = axis - (axis @ hand.palm_normal) * hand.palm_normal
@@ -189,7 +202,7 @@ class Proposer:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Move each hand back along its palm normal until it is free; also [B] whether it is."""
         steps = np.arange(0.0, self.config.back_off + 1e-9, self.config.back_off_step)
-        at = self._place(position, rotation, preshape)
+        at = self._thin.at(position, rotation, preshape)
         back = -np.einsum("bij,j->bi", rotation, self.hand.palm_normal)
         free = np.zeros(len(position), dtype=bool)
         shift = np.zeros(len(position))
@@ -202,15 +215,18 @@ class Proposer:
             free[now], shift[now] = True, step
         return position + shift[:, None] * back, free
 
-    def _close(
-        self, position: np.ndarray, rotation: np.ndarray, preshape: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Close every finger until it touches: joints [B, D] and touching [B, F].
+    def _close(self, candidates: Candidates, points: _Points) -> Candidates:
+        """Close every finger from the pre-shape until it touches.
 
         A finger that never touches stays as it was.
         """
         config, hand = self.config, self.hand
-        finger = self.finger_of_link[hand.collision_link]
+        position, rotation, preshape = (
+            candidates.position,
+            candidates.rotation,
+            candidates.preshape,
+        )
+        finger = self.finger_of_link[points.hand.collision_link]
         members = [np.flatnonzero(finger == f) for f in range(self.finger_of_dof.max() + 1)]
         touching = np.zeros((len(position), len(members)), dtype=bool)
         closed = np.zeros((len(position), len(members)))
@@ -218,11 +234,12 @@ class Proposer:
         step = config.close_range / config.close_steps
         rows = np.arange(len(position))
         for fraction in step * np.arange(config.close_steps + 1):
+            if not len(rows):
+                break
             joints = np.clip(preshape[rows] + fraction * hand.flexion, hand.lower, hand.upper)
-            at = self._place(position[rows], rotation[rows], joints)
-            distance = self.model.sdf.distance(at)
-            for f, points in enumerate(members):
-                depth = distance[:, points].max(axis=1)
+            distance = self.model.sdf.distance(points.at(position[rows], rotation[rows], joints))
+            for f, own in enumerate(members):
+                depth = distance[:, own].max(axis=1)
                 hit = (depth > 0.0) & ~touching[rows, f]
                 # Where the distance, linear between two steps, crosses zero.
                 last = before[rows[hit], f]
@@ -231,13 +248,19 @@ class Proposer:
                 touching[rows[hit], f] = True
                 before[rows, f] = depth
             rows = rows[~touching[rows].all(axis=1)]
-            if not len(rows):
-                break
         amount = np.where(self.finger_of_dof >= 0, closed[:, self.finger_of_dof], 0.0)
-        return np.clip(preshape + amount * hand.flexion, hand.lower, hand.upper), touching
+        joints = np.clip(preshape + amount * hand.flexion, hand.lower, hand.upper)
+        return replace(candidates, joints=joints, touching=touching)
 
-    def _place(self, position: np.ndarray, rotation: np.ndarray, joints: np.ndarray) -> np.ndarray:
-        """[B, p, 3] the points on the hand, object frame."""
+
+class _Points:
+    """Points on a hand, placed for a batch of poses."""
+
+    def __init__(self, hand: HandModel) -> None:
+        self.hand, self.kinematics = hand, HandKinematics(hand)
+
+    def at(self, position: np.ndarray, rotation: np.ndarray, joints: np.ndarray) -> np.ndarray:
+        """[B, p, 3] in the frame of the poses [B, 3], [B, 3, 3]; joints [B, D]."""
         T = torch.eye(4).repeat(len(position), 1, 1)
         T[:, :3, :3] = torch.as_tensor(rotation)
         T[:, :3, 3] = torch.as_tensor(position)

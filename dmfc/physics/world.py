@@ -230,6 +230,7 @@ def _add_table(spec: mujoco.MjSpec, size: float, physics: PhysicsConfig) -> None
             physics.rolling_friction,
         ],
         condim=6,
+        solref=[physics.contact_time, 1.0],
         contype=_TABLE_BIT,
         conaffinity=_HAND_BIT | _OBJECT_BIT,
         rgba=[0.75, 0.72, 0.68, 1],
