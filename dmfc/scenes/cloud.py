@@ -11,7 +11,9 @@ import numpy as np
 from dmfc.errors import DmfcError
 from dmfc.geometry import transforms
 from dmfc.objects.model import ObjectModel
+from dmfc.scenes.augment import choose
 from dmfc.scenes.cameras import Camera
+from dmfc.scenes.depth import ObjectPixels, object_pixels
 from dmfc.scenes.render import View
 
 
@@ -39,46 +41,38 @@ def fuse_views(
 ) -> Cloud:
     """`count` points of the object pixels of all views, each at most once if there are enough.
 
-    T_world_object: [k, 4, 4]. The normal is that of the triangle that was hit (or, where the
-    renderer does not know it, of the nearest one), turned towards the camera: what a camera sees is
-    an outside. Raises DmfcError if no object is in sight.
+    T_world_object: [k, 4, 4]. Raises DmfcError if no object is in sight.
     """
-    seen = [np.argwhere(view.object_index >= 0) for view in views]
-    sizes = np.array([len(pixels) for pixels in seen])
-    if sizes.sum() == 0:
+    pixels = object_pixels(views)
+    if len(pixels) == 0:
         raise DmfcError(
             "no object is in sight of any camera (settings scenes.cameras, scenes.spawn_radius)"
         )
-    chosen = _choose(int(sizes.sum()), count, generator)
-    camera_of = np.repeat(np.arange(len(views)), sizes)[chosen]
-    rows, columns = np.concatenate(seen)[chosen].T
-    points, towards = np.empty((count, 3)), np.empty((count, 3))
-    index, faces = np.empty(count, dtype=np.int64), np.full(count, -1)
-    for number, (camera, view) in enumerate(zip(cameras, views, strict=True)):
-        mine = camera_of == number
-        place = rows[mine], columns[mine]
-        rays = camera.rays(*place)
-        points[mine] = camera.position + view.depth[place][:, None].astype(np.float64) * rays
-        towards[mine] = -rays
-        index[mine] = view.object_index[place]
-        if view.face is not None:
-            faces[mine] = view.face[place]
-    normals = _normals(points, index, faces, objects, T_world_object)
-    normals *= np.where((normals * towards).sum(1, keepdims=True) < 0, -1, 1)
+    chosen = pixels[choose(len(pixels), count, generator)]
+    points, normals = surface(chosen, cameras, objects, T_world_object)
     return Cloud(
         points.astype(np.float32),
         normals.astype(np.float32),
-        index.astype(np.uint8),
-        camera_of.astype(np.uint8),
+        chosen.object_index.astype(np.uint8),
+        chosen.camera.astype(np.uint8),
     )
 
 
-def _choose(available: int, count: int, generator: np.random.Generator) -> np.ndarray:
-    """`count` of `available` indices in random order; all of them, then repeats, if too few."""
-    if available >= count:
-        return generator.choice(available, count, replace=False)
-    repeats = generator.choice(available, count - available)
-    return generator.permutation(np.concatenate([np.arange(available), repeats]))
+def surface(
+    pixels: ObjectPixels,
+    cameras: Sequence[Camera],
+    objects: Sequence[ObjectModel],
+    T_world_object: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """World points and outward unit normals [M, 3] of pixels.
+
+    The normal is that of the triangle that was hit (or, where the renderer does not know it, of the
+    nearest one), turned towards the camera: what a camera sees is an outside.
+    """
+    points, towards = pixels.points(cameras)
+    index, faces = pixels.object_index.astype(np.int64), pixels.face.astype(np.int64)
+    normals = _normals(points, index, faces, objects, T_world_object)
+    return points, normals * np.where((normals * towards).sum(1, keepdims=True) < 0, -1, 1)
 
 
 def _normals(

@@ -19,8 +19,10 @@ from dmfc.errors import DmfcError
 from dmfc.geometry import transforms
 from dmfc.geometry.points import farthest_points
 from dmfc.grasps.grasp_set import GraspSet
+from dmfc.scenes.augment import choose, kept_points, random_motion, sensor_errors
 from dmfc.scenes.cameras import table_cameras
 from dmfc.scenes.carry import grasps_in_scene
+from dmfc.scenes.depth import decode
 from dmfc.scenes.matching import match_grasps
 from dmfc.scenes.scene_set import Scene, SceneSet
 
@@ -52,7 +54,8 @@ class SceneDataset(Dataset):
         self._rows = {object_id: row for row, object_id in enumerate(object_order)}
         self._palm_reference = np.asarray(palm_reference, dtype=np.float64)
         self._matching = matching
-        self._camera_positions = np.stack([c.position for c in table_cameras(cameras)])
+        self._cameras = table_cameras(cameras)
+        self._positions = np.stack([camera.position for camera in self._cameras])
         self._augmentation = augmentation
         self._seeds = seeds
         self._seed = seed
@@ -69,8 +72,16 @@ class SceneDataset(Dataset):
         if self._augmentation is not None:
             words = np.random.SeedSequence(self._seed, spawn_key=(_AUGMENT, epoch, position))
             generator = np.random.default_rng(words)
-            rays = points - self._camera_positions[scene.point_camera]
-            points += sensor_noise(self._augmentation, rays, generator)
+            point_camera = scene.point_camera
+            if scene.depth:
+                pixels, facing = decode(scene.depth)
+                chosen = choose(len(pixels), len(points), generator)
+                pixels, normals = pixels[chosen], facing[chosen].astype(np.float64)
+                points = pixels.points(self._cameras)[0]
+                point_object, point_camera = pixels.object_index, pixels.camera
+            points, normals = sensor_errors(
+                self._augmentation, points, normals, point_camera, self._positions, generator
+            )
             kept = kept_points(self._augmentation, len(points), generator)
             points, normals, point_object = points[kept], normals[kept], point_object[kept]
             T_new_world = random_motion(self._augmentation, generator)
@@ -84,7 +95,9 @@ class SceneDataset(Dataset):
             "points": torch.from_numpy(points),
             "seed_index": torch.from_numpy(seed_index),
             **labels,
-            "object_index": torch.tensor([self._row(scene, i) for i in scene.object_ids]),
+            "object_index": torch.tensor(
+                [self._row(scene, i) for i in scene.object_ids], dtype=torch.int64
+            ),
             "T_world_object": torch.from_numpy(T_world_object.astype(np.float32)),
             "scene": torch.tensor(scene.scene),
         }
@@ -131,36 +144,6 @@ class SceneDataset(Dataset):
                 f"{len(self._rows)} objects given (setting objects.train)"
             )
         return self._rows[object_id]
-
-
-def sensor_noise(
-    config: AugmentationConfig, rays: np.ndarray, generator: np.random.Generator
-) -> np.ndarray:
-    """Gaussian error of depth along the rays [N, 3] from the camera: [N, 3], metres."""
-    length = np.linalg.norm(rays, axis=1, keepdims=True)
-    return config.noise * generator.standard_normal((len(rays), 1)) * rays / length
-
-
-def kept_points(
-    config: AugmentationConfig, count: int, generator: np.random.Generator
-) -> np.ndarray:
-    """Indices [N] in random order, where the dropped ones are replaced by repeats of others.
-
-    The order is random anew so that the seed points, which begin at point 0, differ too.
-    """
-    order = generator.permutation(count)
-    lost = min(int(config.dropped * count), count - 1)
-    kept = order[: count - lost]
-    return np.concatenate([kept, generator.choice(kept, lost)])
-
-
-def random_motion(config: AugmentationConfig, generator: np.random.Generator) -> np.ndarray:
-    """T_new_world [4, 4]: a turn about the vertical through the table centre, and a shift."""
-    yaw = generator.uniform(-np.pi, np.pi) if config.yaw else 0.0
-    T = np.eye(4)
-    T[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
-    T[:2, 3] = generator.uniform(-config.shift, config.shift, 2)
-    return T
 
 
 def collate(items: Sequence[Mapping[str, Tensor]]) -> dict[str, Tensor]:

@@ -63,7 +63,7 @@ class HandAtGrasps:
         """Depth in an object of the deepest collision point of hands with links at [n, L, 4, 4] in
         its frame: [n], metres; -inf where no point comes within the object's bounds."""
         deepest = np.full(len(T_object_link), -np.inf)
-        low, high = model.vertices.min(0), model.vertices.max(0)
+        low, high = model.hull_vertices.min(0), model.hull_vertices.max(0)
         found: list[tuple[np.ndarray, np.ndarray]] = []
         for piece in self._pieces:
             T = T_object_link[:, piece.link]

@@ -132,17 +132,17 @@ def _draw_pose(
     radius = reach * np.sqrt(generator.uniform())
     cos, sin = np.cos(yaw), np.sin(yaw)
     rotation = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]]) @ model.stable_rotations[pose]
-    footprint = model.vertices @ rotation[:2].T
+    footprint = model.hull_vertices @ rotation[:2].T
     middle = (footprint.min(0) + footprint.max(0)) / 2
     T_world_object = np.eye(4)
     T_world_object[:3, :3] = rotation
     T_world_object[:2, 3] = radius * np.array([np.cos(angle), np.sin(angle)]) - middle
-    T_world_object[2, 3] = model.stable_heights[pose]
+    T_world_object[2, 3] = model.rest_heights[pose]
     return T_world_object
 
 
 def _on_table(model: ObjectModel, T_world_object: np.ndarray, config: ScenesConfig) -> bool:
-    footprint = model.vertices @ T_world_object[:2, :3].T + T_world_object[:2, 3]
+    footprint = model.hull_vertices @ T_world_object[:2, :3].T + T_world_object[:2, 3]
     return bool(np.abs(footprint).max() <= config.table_size / 2)
 
 

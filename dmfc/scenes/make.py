@@ -9,13 +9,15 @@ from typing import Any, Literal
 
 import numpy as np
 
-from dmfc.config.scenes import ScenesConfig, SceneSetConfig
+from dmfc.config.scenes import ScenesConfig, SceneSetConfig, SensorConfig
 from dmfc.errors import DmfcError
 from dmfc.grasps.grasp_set import GraspSet
 from dmfc.hand.model import HandModel
 from dmfc.objects.model import ObjectModel
+from dmfc.scenes.augment import kept_points, sensor_errors
 from dmfc.scenes.cameras import table_cameras
-from dmfc.scenes.cloud import fuse_views
+from dmfc.scenes.cloud import Cloud, fuse_views, surface
+from dmfc.scenes.depth import encode, object_pixels
 from dmfc.scenes.labels import REASONS, HandAtGrasps, Labels, surviving_labels
 from dmfc.scenes.layout import choose_objects, make_layout
 from dmfc.scenes.placement import CollisionWorld
@@ -24,7 +26,7 @@ from dmfc.scenes.scene_set import Scene, write_shard
 
 Which = Literal["train", "test"]
 Progress = Callable[[float, str], None]
-_CLOUD = 3  # random stream of a scene's cloud, beside those of `dmfc.scenes.layout`
+_CLOUD, _SENSOR = 3, 4  # random streams of a scene, beside those of `dmfc.scenes.layout`
 
 
 def set_config(config: ScenesConfig, which: Which) -> SceneSetConfig:
@@ -154,6 +156,7 @@ class SceneMaker:
         cloud = fuse_views(
             views, self.cameras, models, T_world_object, self.config.points, generator
         )
+        cloud = self._observed(cloud, number)
         if self._grasps is None or self._hand is None:
             none = np.zeros(0)
             labels = Labels(none.astype(np.uint8), none.astype(np.int32), dict.fromkeys(REASONS, 0))
@@ -165,7 +168,37 @@ class SceneMaker:
             T_world_object=T_world_object,
             **_fields(cloud),
             **_fields(labels),
+            depth=self._depth(views, models, T_world_object),
         )
+
+    def _observed(self, cloud: Cloud, number: int) -> Cloud:
+        """The cloud with the errors of the set's cameras."""
+        sensor = self.scenes.sensor
+        if sensor == SensorConfig():
+            return cloud
+        seeds = np.random.SeedSequence(self.scenes.seed, spawn_key=(_SENSOR, number))
+        generator = np.random.default_rng(seeds)
+        positions = np.stack([camera.position for camera in self.cameras])
+        points, normals = sensor_errors(
+            sensor, cloud.points, cloud.normals, cloud.point_camera, positions, generator
+        )
+        kept = kept_points(sensor, len(points), generator)
+        return Cloud(
+            points[kept].astype(np.float32),
+            normals[kept].astype(np.float32),
+            cloud.point_object[kept],
+            cloud.point_camera[kept],
+        )
+
+    def _depth(
+        self, views: Sequence[View], models: Sequence[ObjectModel], T_world_object: np.ndarray
+    ) -> bytes:
+        """The depth images to be kept, if they are."""
+        if self.config.depth == "rebuild":
+            return b""
+        pixels = object_pixels(views)
+        normals = surface(pixels, self.cameras, models, T_world_object)[1]
+        return encode(pixels, normals, *views[0].depth.shape)
 
     def views(self, models: Sequence[ObjectModel], T_world_object: np.ndarray) -> list[View]:
         """The depth images of objects at T_world_object [k, 4, 4], one per camera."""

@@ -1,10 +1,10 @@
-"""A contact sheet of one scene: depth images, cloud, positive points, a few grasps."""
+"""Contact sheets of one scene or of some: depth images, cloud, positive points, a few grasps."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 import torch
@@ -37,34 +37,96 @@ def scene_picture(
 ) -> None:
     """Write the contact sheet of a scene as PNG.
 
-    `views` adds a row of depth images (see `SceneMaker.views`); `grasps` and `hand` together add
+    `views` adds a row of depth images (see `dmfc.scenes.views`); `grasps` and `hand` together add
     the positive points and `shown_grasps` labels, spread over the objects.
     """
     rows = 2 if views else 1
-    figure = Figure(figsize=(16, 4.2 * rows), dpi=80, layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = _figure(16, 4.2 * rows)
     for number, view in enumerate(views):
         _depth_image(figure.add_subplot(rows, 4, number + 1), view, number)
     first = 4 * (rows - 1) + 1
-    colours = np.array([to_rgb(COLOURS[k % len(COLOURS)]) for k in scene.point_object])
-    panel = _space(figure, (rows, 4, first), f"scene {scene.scene}: {len(scene.points)} points")
-    panel.scatter(*scene.points.T, c=colours, s=2)
-    panel = figure.add_subplot(rows, 4, first + 1)
-    _plan(panel, scene, colours)
+    _cloud(figure, (rows, 4, first), scene)
+    _plan(figure.add_subplot(rows, 4, first + 1), scene)
     if grasps is not None and hand is not None:
-        labels = (scene.grasp_object, scene.grasp_index)
-        own = grasps_in_scene(
-            scene.object_ids, scene.T_world_object, *labels, grasps, hand.palm_reference
-        )
-        positive = _positive(scene, own, matching or MatchingConfig())
-        title = f"positive points: {positive.mean():.1%}, {len(own.position)} labels"
-        panel = _space(figure, (rows, 4, first + 2), title)
-        panel.scatter(*scene.points[~positive].T, c=_GREY, s=1, alpha=0.4)
-        panel.scatter(*scene.points[positive].T, c="#d62728", s=4)
-        panel = _space(figure, (rows, 4, first + 3), f"{shown_grasps} of the labels")
-        panel.scatter(*scene.points.T, c=colours, s=1, alpha=0.5)
-        _draw_hands(panel, own, hand, shown_grasps)
+        own = _labels(scene, grasps, hand.palm_reference)
+        _positive_points(figure, (rows, 4, first + 2), scene, own, matching)
+        _hands(figure, (rows, 4, first + 3), scene, own, hand, shown_grasps)
     figure.savefig(path)
+
+
+def contact_sheet(
+    scenes: Sequence[Scene],
+    views: Sequence[Sequence[View]],
+    path: Path | BinaryIO,
+    grasps: Mapping[str, GraspSet] | None = None,
+    hand: HandModel | None = None,
+    matching: MatchingConfig | None = None,
+) -> None:
+    """Write a PNG with a row per scene: two depth images (of `views`, which may be empty for a
+    scene), the cloud, and with `grasps` and `hand` the positive points and three labels."""
+    rows, columns = len(scenes), 5
+    figure = _figure(18, 3.6 * rows)
+    for row, (scene, seen) in enumerate(zip(scenes, views, strict=True)):
+        first = row * columns + 1
+        for place, number in enumerate((0, 1)[: len(seen)]):
+            axes = figure.add_subplot(rows, columns, first + place)
+            _depth_image(axes, seen[number], number)
+        _cloud(figure, (rows, columns, first + 2), scene)
+        if grasps is not None and hand is not None:
+            own = _labels(scene, grasps, hand.palm_reference)
+            _positive_points(figure, (rows, columns, first + 3), scene, own, matching)
+            _hands(figure, (rows, columns, first + 4), scene, own, hand, 3)
+    figure.savefig(path)
+
+
+def _figure(width: float, height: float) -> Figure:
+    """An empty figure of that size in inches, drawn without a screen."""
+    figure = Figure(figsize=(width, height), dpi=80, layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def _labels(
+    scene: Scene, grasps: Mapping[str, GraspSet], palm_reference: np.ndarray
+) -> SceneGrasps:
+    labels = (scene.grasp_object, scene.grasp_index)
+    return grasps_in_scene(scene.object_ids, scene.T_world_object, *labels, grasps, palm_reference)
+
+
+def _colours(scene: Scene) -> np.ndarray:
+    return np.array([to_rgb(COLOURS[k % len(COLOURS)]) for k in scene.point_object])
+
+
+def _cloud(figure: Figure, place: tuple[int, int, int], scene: Scene) -> None:
+    panel = _space(figure, place, f"scene {scene.scene}: {len(scene.points)} points", scene)
+    panel.scatter(*scene.points.T, c=_colours(scene), s=2)
+
+
+def _positive_points(
+    figure: Figure,
+    place: tuple[int, int, int],
+    scene: Scene,
+    own: SceneGrasps,
+    matching: MatchingConfig | None,
+) -> None:
+    positive = _positive(scene, own, matching or MatchingConfig())
+    title = f"positive points: {positive.mean():.1%}, {len(own.position)} labels"
+    panel = _space(figure, place, title, scene)
+    panel.scatter(*scene.points[~positive].T, c=_GREY, s=1, alpha=0.4)
+    panel.scatter(*scene.points[positive].T, c="#d62728", s=4)
+
+
+def _hands(
+    figure: Figure,
+    place: tuple[int, int, int],
+    scene: Scene,
+    own: SceneGrasps,
+    hand: HandModel,
+    shown: int,
+) -> None:
+    panel = _space(figure, place, f"{min(shown, len(own.position))} of the labels", scene)
+    panel.scatter(*scene.points.T, c=_colours(scene), s=1, alpha=0.5)
+    _draw_hands(panel, own, hand, shown)
 
 
 def _depth_image(axes: Any, view: View, number: int) -> None:
@@ -78,21 +140,24 @@ def _depth_image(axes: Any, view: View, number: int) -> None:
     axes.set_axis_off()
 
 
-def _space(figure: Figure, place: tuple[int, int, int], title: str) -> Any:
-    """A cube of 0.5 m above the table, equal scales."""
+def _space(figure: Figure, place: tuple[int, int, int], title: str, scene: Scene) -> Any:
+    """A cube around the cloud with room for hands, standing on the table; equal scales."""
     axes: Any = figure.add_subplot(*place, projection="3d")
     axes.set_title(title, fontsize=9)
-    axes.set(xlim=(-0.25, 0.25), ylim=(-0.25, 0.25), zlim=(0, 0.4))
+    low, high = scene.points.min(0), scene.points.max(0)
+    half = max(float((high - low).max()) / 2, 0.05) + 0.04
+    x, y = ((low + high) / 2)[:2]
+    axes.set(xlim=(x - half, x + half), ylim=(y - half, y + half), zlim=(0, 1.6 * half))
     axes.set_box_aspect((5, 5, 4), zoom=1.3)
     axes.view_init(elev=30, azim=-50)
     axes.tick_params(labelsize=6)
     return axes
 
 
-def _plan(axes: Any, scene: Scene, colours: np.ndarray) -> None:
+def _plan(axes: Any, scene: Scene) -> None:
     """From above, with the normals of every eighth point and the objects' names."""
     points, normals = scene.points, scene.normals
-    axes.scatter(points[:, 0], points[:, 1], c=colours, s=2)
+    axes.scatter(points[:, 0], points[:, 1], c=_colours(scene), s=2)
     some = slice(None, None, 8)
     axes.quiver(*points[some, :2].T, *normals[some, :2].T, color="#555555", width=0.002, scale=25)
     for index, name in enumerate(scene.object_ids):
@@ -120,9 +185,9 @@ def _positive(scene: Scene, own: SceneGrasps, matching: MatchingConfig) -> np.nd
 
 def _draw_hands(axes: Any, own: SceneGrasps, hand: HandModel, shown: int) -> None:
     """The hand's collision points at a few labels, and a line from palm reference to palm hit."""
-    chosen = np.unique(np.linspace(0, len(own.position) - 1, shown).round().astype(int))
     if len(own.position) == 0:
         return
+    chosen = np.unique(np.linspace(0, len(own.position) - 1, shown).round().astype(int))
     T_world_palm = torch.as_tensor(transform(own.rotation[chosen], own.position[chosen]))
     joints = torch.as_tensor(own.joints[chosen])
     hands = HandKinematics(hand).collision_points(T_world_palm, joints).numpy()

@@ -59,7 +59,7 @@ class CollisionWorld:
             [fcl.CollisionObject(shape, pose) for shape in self._shapes[model.id]]
         )
         manager.setup()
-        vertices = transforms.apply(T_world_object, model.vertices)
+        vertices = transforms.apply(T_world_object, model.hull_vertices)
         corners = np.stack([vertices.min(0) - _BOX_MARGIN, vertices.max(0) + _BOX_MARGIN])
         return _Placed(model, T_world_object, manager, corners)
 

@@ -77,6 +77,21 @@ def open_renderer(name: str = "auto") -> Renderer:
     raise DmfcError(f"no depth renderer works here: {told} (setting scenes.cameras.renderer)")
 
 
+def table_view(camera: Camera, table_size: float) -> View:
+    """The empty square table as a camera sees it, in closed form."""
+    rows, columns = np.indices((camera.height, camera.width)).reshape(2, -1)
+    rays = camera.rays(rows, columns)
+    depth = -camera.position[2] / np.minimum(rays[:, 2], -1e-9)
+    places = camera.position[:2] + depth[:, None] * rays[:, :2]
+    is_table = (np.abs(places) <= table_size / 2).all(1) & (rays[:, 2] < 0)
+    shape = (camera.height, camera.width)
+    return View(
+        np.where(is_table, depth, 0).reshape(shape).astype(np.float32),
+        np.where(is_table, TABLE, NOTHING).reshape(shape).astype(np.int16),
+        None,
+    )
+
+
 def _probe(name: str) -> str:
     """Why a renderer does not work, in one line; empty if it does."""
     try:

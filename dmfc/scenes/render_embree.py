@@ -16,7 +16,7 @@ from embreex.mesh_construction import TriangleMesh
 from dmfc.geometry import transforms
 from dmfc.objects.model import ObjectModel
 from dmfc.scenes.cameras import Camera
-from dmfc.scenes.render import NOTHING, TABLE, View
+from dmfc.scenes.render import View, table_view
 
 KEPT = 256  # acceleration structures; about 2 MB each for 16,000 triangles
 KEPT_TABLES = 16
@@ -49,7 +49,7 @@ class EmbreeRenderer:
     ) -> list[View]:
         views = [self._empty(camera, table_size) for camera in cameras]
         for index, model in enumerate(objects):
-            corners = transforms.apply(T_world_object[index], model.vertices)
+            corners = transforms.apply(T_world_object[index], model.hull_vertices)
             for camera, view in zip(cameras, views, strict=True):
                 window = _window_around(camera, corners)
                 if window is not None:
@@ -90,7 +90,7 @@ class EmbreeRenderer:
         if (*key, table_size) not in self._tables:
             if len(self._tables) >= KEPT_TABLES:
                 self._tables.clear()
-            self._tables[*key, table_size] = _table_view(camera, table_size)
+            self._tables[*key, table_size] = table_view(camera, table_size)
         kept = self._tables[*key, table_size]
         faces = np.full(kept.depth.shape, -1, dtype=np.int32)
         return View(kept.depth.copy(), kept.object_index.copy(), faces)
@@ -105,21 +105,6 @@ class EmbreeRenderer:
                 self._scenes.popitem(last=False)
         self._scenes.move_to_end(model.id)
         return self._scenes[model.id]
-
-
-def _table_view(camera: Camera, table_size: float) -> View:
-    """The empty table, in closed form."""
-    rows, columns = np.indices((camera.height, camera.width)).reshape(2, -1)
-    rays = camera.rays(rows, columns)
-    depth = -camera.position[2] / np.minimum(rays[:, 2], -1e-9)
-    places = camera.position[:2] + depth[:, None] * rays[:, :2]
-    is_table = (np.abs(places) <= table_size / 2).all(1) & (rays[:, 2] < 0)
-    shape = (camera.height, camera.width)
-    return View(
-        np.where(is_table, depth, 0).reshape(shape).astype(np.float32),
-        np.where(is_table, TABLE, NOTHING).reshape(shape).astype(np.int16),
-        None,
-    )
 
 
 def _window_around(camera: Camera, points: np.ndarray) -> tuple[slice, slice] | None:

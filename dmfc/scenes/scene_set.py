@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.fs as pafs
 import pyarrow.parquet as pq
 
 from dmfc.errors import DmfcError
+from dmfc.scenes.storage import located
 
-VERSION = 1
+VERSION = 2
 _KIND = b"dmfc.scene_set"
 _MANIFEST = b"dmfc.manifest"
 _RANGE = 32767  # of a 16-bit integer
@@ -48,6 +48,8 @@ class Scene:
     """[n] int32: row of that object's grasp set."""
     dropped: dict[str, int]
     """Reason -> labels that were dropped."""
+    depth: bytes = b""
+    """The depth images (`dmfc.scenes.depth.decode`); empty where they are not kept."""
 
 
 _SCHEMA = pa.schema(
@@ -64,6 +66,7 @@ _SCHEMA = pa.schema(
         ("grasp_object", pa.list_(pa.uint8())),
         ("grasp_index", pa.list_(pa.int32())),
         ("dropped", pa.string()),
+        ("depth", pa.binary()),
     ]
 )
 
@@ -95,7 +98,7 @@ class SceneSet(Sequence[Scene]):
 
     @classmethod
     def open(cls, paths: Iterable[str | Path]) -> SceneSet:
-        """Open shards: files, or URLs that pyarrow knows (s3://, gs://, ...).
+        """Open shards: files, or URLs of an object store (s3://, gs://, https://, ...).
 
         Raises DmfcError if there are none, or naming the one that is missing, damaged or of
         another version.
@@ -153,10 +156,7 @@ class _Shard:
         return {**self.__dict__, "_table": None}  # a worker process reads for itself
 
     def _file(self) -> pq.ParquetFile:
-        if "://" in self.path:
-            system, path = pafs.FileSystem.from_uri(self.path)
-        else:
-            system, path = pafs.LocalFileSystem(), self.path
+        system, path = located(self.path)
         return pq.ParquetFile(path, filesystem=system)
 
     def _guard(self, read):  # type: ignore[no-untyped-def]
@@ -168,7 +168,7 @@ class _Shard:
             reason = str(error).splitlines()[0]
             raise DmfcError(
                 f"scene shard {self.path} is damaged or cut short ({reason}); "
-                "delete it and make it again"
+                "`dmfc scenes make` makes it again"
             ) from error
 
 
@@ -190,6 +190,7 @@ def _row(scene: Scene) -> dict[str, Any]:
         "grasp_object": scene.grasp_object,
         "grasp_index": scene.grasp_index,
         "dropped": json.dumps(scene.dropped, sort_keys=True),
+        "depth": scene.depth,
     }
 
 
@@ -210,4 +211,5 @@ def _scene(table: pa.Table, row: int) -> Scene:
         grasp_object=array("grasp_object"),
         grasp_index=array("grasp_index"),
         dropped=json.loads(table["dropped"][row].as_py()),
+        depth=table["depth"][row].as_py(),
     )

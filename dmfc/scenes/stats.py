@@ -17,7 +17,9 @@ from dmfc.scenes.labels import REASONS
 from dmfc.scenes.matching import match_grasps
 from dmfc.scenes.scene_set import Scene
 
-MODES: tuple[Literal["projected", "literal"], ...] = ("projected", "literal")
+RATED = 400
+"""Positive rates are those of so many scenes at most, spread over the set."""
+MODES: tuple[Literal["patch", "projected", "literal"], ...] = ("patch", "projected", "literal")
 
 
 def scene_stats(
@@ -27,25 +29,35 @@ def scene_stats(
     matching: MatchingConfig,
     seeds: int = 512,
 ) -> dict[str, Any]:
-    """Counts of a scene set and the positive rates of both matching modes.
+    """Counts of a scene set and the positive rates of all matching modes.
 
     `positive_points` and `positive_grasps` are fractions over all points and all surviving labels
     of the set; with `_of_seeds` they are over the `seeds` farthest points that a network sees. A
-    grasp that matches no point is lost supervision. Without `grasps` there are no rates.
+    grasp that matches no point is lost supervision. Of a large set `RATED` scenes are rated;
+    without `grasps` none is.
     """
-    objects = Counter(name for scene in scenes for name in scene.object_ids)
+    objects: Counter[str] = Counter()
+    dropped: Counter[str] = Counter()
+    points = labels = 0
+    for scene in scenes:
+        objects.update(scene.object_ids)
+        dropped.update(scene.dropped)
+        points, labels = points + len(scene.points), labels + len(scene.grasp_index)
     stats: dict[str, Any] = {
         "scenes": len(scenes),
         "objects_per_scene": sum(objects.values()) / max(1, len(scenes)),
         "objects": len(objects),
         "appearances_min": min(objects.values(), default=0),
         "appearances_max": max(objects.values(), default=0),
-        "points": sum(len(scene.points) for scene in scenes),
-        "grasps": sum(len(scene.grasp_index) for scene in scenes),
-        "dropped": {r: sum(scene.dropped.get(r, 0) for scene in scenes) for r in REASONS},
+        "points": points,
+        "grasps": labels,
+        "dropped": {reason: dropped[reason] for reason in REASONS},
     }
     if grasps is not None:
-        stats["matching"] = _rates(scenes, grasps, palm_reference, matching, seeds)
+        chosen = np.unique(np.linspace(0, len(scenes) - 1, min(len(scenes), RATED)).astype(int))
+        rated = [scenes[i] for i in chosen]
+        stats["scenes_rated"] = len(rated)
+        stats["matching"] = _rates(rated, grasps, palm_reference, matching, seeds)
     return stats
 
 
@@ -72,6 +84,7 @@ def _rates(
     seeds: int,
 ) -> dict[str, dict[str, float]]:
     """Mode -> fractions of points and of grasps that have a partner."""
+    wholes = {"points": "points", "grasps": "grasps", "seeds": "seeds", "grasps_of_seeds": "grasps"}
     counts = {mode: Counter[str]() for mode in MODES}
     total = Counter[str]()
     for scene in scenes:
@@ -79,23 +92,26 @@ def _rates(
         own = grasps_in_scene(
             scene.object_ids, scene.T_world_object, *labels, grasps, palm_reference
         )
+        everything = np.arange(len(scene.points))
         chosen = farthest_points(scene.points, min(seeds, len(scene.points)))
-        total += Counter(points=len(scene.points), seeds=len(chosen), grasps=len(own.position))
+        total += Counter(points=len(everything), seeds=len(chosen), grasps=len(own.position))
         for mode in MODES:
-            matched = match_grasps(
-                dataclasses.replace(matching, mode=mode),
-                scene.points,
-                scene.normals,
-                scene.point_object,
-                own.palm_reference,
-                own.palm_hit,
-                own.object_index,
-            )
-            counts[mode]["points"] += int(matched.any(1).sum())
-            counts[mode]["grasps"] += int(matched.any(0).sum())
-            counts[mode]["seeds"] += int(matched[chosen].any(1).sum())
-            counts[mode]["grasps_of_seeds"] += int(matched[chosen].any(0).sum())
-    wholes = {"points": "points", "grasps": "grasps", "seeds": "seeds", "grasps_of_seeds": "grasps"}
+            by_mode = dataclasses.replace(matching, mode=mode)
+            for rows, of_points, of_grasps in (
+                (everything, "points", "grasps"),
+                (chosen, "seeds", "grasps_of_seeds"),
+            ):
+                matched = match_grasps(
+                    by_mode,
+                    scene.points[rows],
+                    scene.normals[rows],
+                    scene.point_object[rows],
+                    own.palm_reference,
+                    own.palm_hit,
+                    own.object_index,
+                )
+                counts[mode][of_points] += int(matched.any(1).sum())
+                counts[mode][of_grasps] += int(matched.any(0).sum())
     return {
         mode: {
             f"positive_{name}": counts[mode][name] / max(1, total[whole])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pytest
-import scene_shapes
 
 from dmfc.config.scenes import ScenesConfig, SceneSetConfig
 from dmfc.grasps.grasp_set import GraspSet
@@ -11,6 +10,7 @@ from dmfc.hand.model import HandModel
 from dmfc.objects.model import ObjectModel
 from dmfc.scenes.make import SceneMaker
 from dmfc.scenes.scene_set import Scene
+from tests.scenes import scene_shapes
 
 
 @pytest.fixture(scope="session")

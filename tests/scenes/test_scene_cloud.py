@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import scene_shapes
 import trimesh
 
 from dmfc.config.scenes import CameraConfig, ScenesConfig, SceneSetConfig
@@ -14,6 +13,7 @@ from dmfc.scenes.cameras import table_cameras
 from dmfc.scenes.cloud import fuse_views
 from dmfc.scenes.make import SceneMaker
 from dmfc.scenes.render import available_renderers, open_renderer
+from tests.scenes import scene_shapes
 
 WORKING = [name for name, reason in available_renderers().items() if not reason]
 

@@ -14,19 +14,17 @@ import torch
 from dmfc.config.scenes import AugmentationConfig, CameraConfig, MatchingConfig
 from dmfc.errors import DmfcError
 from dmfc.geometry.points import farthest_points
+from dmfc.scenes.augment import depth_noise, kept_points, random_motion
 from dmfc.scenes.dataset import (
     EpochSampler,
     SceneData,
     SceneDataset,
     collate,
-    kept_points,
-    random_motion,
-    sensor_noise,
 )
 from dmfc.scenes.make import make_shard
 from dmfc.scenes.scene_set import SceneSet
 
-MATCHING = MatchingConfig(distance=0.01)
+MATCHING = MatchingConfig(mode="projected", distance=0.01)
 STILL = AugmentationConfig(shift=0.0, noise=0.0, dropped=0.0)
 
 
@@ -93,7 +91,7 @@ def test_matches_hold_in_the_batch(dataset, hand):
 
 def test_scene_without_a_match_keeps_the_batch_whole(dataset):
     """With an impossible matching distance there is one padded grasp, and no mask set."""
-    nothing = dataset(matching=MatchingConfig(distance=0.0))
+    nothing = dataset(matching=MatchingConfig(mode="projected", distance=0.0))
     batch = collate([nothing[0], nothing[1]])
     assert batch["match"].shape == (2, 512, 1)
     assert not batch["grasp_mask"].any()
@@ -141,7 +139,7 @@ def test_augmentation_depends_on_seed_and_epoch_alone(dataset):
 def test_noise_is_along_the_ray_with_the_given_deviation():
     generator = np.random.default_rng(0)
     rays = generator.normal(size=(20_000, 3))
-    noise = sensor_noise(AugmentationConfig(noise=0.002), rays, generator)
+    noise = depth_noise(AugmentationConfig(noise=0.002), rays, generator)
     assert np.abs(np.cross(noise, rays)).max() < 1e-12
     assert np.linalg.norm(noise, axis=1).std() == pytest.approx(0.002 * 0.603, rel=0.02)
     signed = (noise * rays).sum(1) / np.linalg.norm(rays, axis=1)

@@ -6,7 +6,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-import scene_shapes
 import torch
 import trimesh
 
@@ -17,6 +16,7 @@ from dmfc.scenes.carry import grasps_in_scene
 from dmfc.scenes.labels import HandAtGrasps, surviving_labels
 from dmfc.scenes.matching import match_grasps, positive_rates
 from dmfc.scenes.stats import scene_stats, stats_rows
+from tests.scenes import scene_shapes
 
 
 def labels_of(scene, grasps, hand):
@@ -30,7 +30,7 @@ def labels_of(scene, grasps, hand):
     )
 
 
-@pytest.mark.parametrize("mode", ["projected", "literal"])
+@pytest.mark.parametrize("mode", ["patch", "projected", "literal"])
 def test_matching_equals_brute_force(mode, scenes, grasps, hand):
     config = MatchingConfig(mode=mode, distance=0.02)
     found = 0
@@ -38,27 +38,59 @@ def test_matching_equals_brute_force(mode, scenes, grasps, hand):
         own = labels_of(scene, grasps, hand)
         seeds = slice(0, 200)
         points, normals = scene.points[seeds], scene.normals[seeds]
+        owner = scene.point_object[seeds]
         table = match_grasps(
             config,
             points,
             normals,
-            scene.point_object[seeds],
+            owner,
             own.palm_reference,
             own.palm_hit,
             own.object_index,
         )
         expected = np.zeros((200, len(own.position)), dtype=bool)
-        for i in range(200):
-            for g in range(len(own.position)):
-                p_i, n_i = points[i].astype(float), normals[i].astype(float)
-                p_p = own.palm_reference[g]
-                centre = own.palm_hit[g] if mode == "projected" else p_p
-                near = np.linalg.norm(p_i - centre) <= config.distance
-                same = scene.point_object[i] == own.object_index[g]
-                expected[i, g] = same and near and n_i @ (p_p - p_i) > 0
+        for g, (p_p, hit) in enumerate(zip(own.palm_reference, own.palm_hit, strict=True)):
+            mine = np.flatnonzero(owner == own.object_index[g])
+            faces = [n @ (p_p - p) > 0 for p, n in zip(points[mine], normals[mine], strict=True)]
+            mine = mine[faces]
+            centres = {"patch": np.linspace(p_p, hit, 4001), "projected": hit, "literal": p_p}
+            away = np.array([_nearest(p, centres[mode]) for p in points[mine].astype(float)])
+            if mode == "patch":
+                size = round(config.share * (owner == own.object_index[g]).sum())
+                order = np.argsort(away)[: max(1, size)]
+                expected[mine[order], g] = away[order] <= config.reach
+            else:
+                expected[mine, g] = away <= config.distance
         assert (table == expected).all()
         found += int(expected.sum())
     assert found > 20
+
+
+def _nearest(point, centres):
+    """Distance of a point [3] to the nearest of the centres [3] or [n, 3]."""
+    return np.linalg.norm(np.atleast_2d(centres) - point, axis=1).min()
+
+
+def test_a_patch_is_the_points_under_the_palm():
+    """A plate seen from above, a palm 5 cm over it: the tenth of its points below the palm, unless
+    they are out of reach; a point of the underside is never among them."""
+    x, y = np.meshgrid(np.arange(-9.5, 10) * 0.01, np.arange(-9.5, 10) * 0.01)
+    plate = np.stack([x.ravel(), y.ravel(), np.zeros(400)], axis=1)
+    normals = np.tile([0, 0, 1.0], (400, 1))
+    normals[0:400:3] *= -1
+    reference, hit = np.array([[0, 0, 0.05]]), np.zeros((1, 3))
+    where = (np.zeros(400), reference, hit, np.zeros(1))
+    away = np.linalg.norm(plate, axis=1)
+    up = normals[:, 2] > 0
+    rows = np.flatnonzero(match_grasps(MatchingConfig(), plate, normals, *where)[:, 0])
+    assert 0 < len(rows) < 40  # 3 cm end before a tenth of the points is found
+    assert set(rows) == set(np.flatnonzero(up & (away <= 0.03)))
+    rows = np.flatnonzero(match_grasps(MatchingConfig(reach=1.0), plate, normals, *where)[:, 0])
+    assert len(rows) >= 40  # and those as near as the fortieth
+    assert away[rows].max() == pytest.approx(np.sort(away[up])[39])
+    assert up[rows].all()
+    rim = np.array([[0.02, 0.0, 0.03]])  # nearer to the palm's axis than to where it ends
+    assert match_grasps(MatchingConfig(), rim, normals[1:2], np.zeros(1), *where[1:]).all()
 
 
 def test_matching_by_hand():
@@ -67,9 +99,11 @@ def test_matching_by_hand():
     reference = np.array([[0, 0, 0.06], [0, 0, 0.06], [0, 0, -0.06], [0, 0, 0.06]])
     hit = np.array([[0, 0.004, 0], [0, 0.004, 0], [0, 0.004, 0], [np.nan, np.nan, np.nan]])
     owner = np.array([0, 1, 0, 0])
-    table = match_grasps(MatchingConfig(), point, normal, np.zeros(1), reference, hit, owner)
-    assert table.tolist() == [[True, False, False, False]]
-    assert positive_rates(table) == (1.0, 0.25)
+    for mode in ("patch", "projected"):
+        config = MatchingConfig(mode=mode)
+        table = match_grasps(config, point, normal, np.zeros(1), reference, hit, owner)
+        assert table.tolist() == [[True, False, False, False]]
+        assert positive_rates(table) == (1.0, 0.25)
     literal = MatchingConfig(mode="literal")
     assert not match_grasps(literal, point, normal, np.zeros(1), reference, hit, owner).any()
 

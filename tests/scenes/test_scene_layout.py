@@ -8,7 +8,6 @@ from collections import Counter
 import mujoco
 import numpy as np
 import pytest
-import scene_shapes
 import trimesh
 
 from dmfc.config.scenes import ScenesConfig, SceneSetConfig
@@ -16,6 +15,7 @@ from dmfc.errors import DmfcError
 from dmfc.geometry import transforms
 from dmfc.scenes.layout import choose_objects, make_layout
 from dmfc.scenes.placement import CollisionWorld
+from tests.scenes import scene_shapes
 
 MULTI = SceneSetConfig(kind="multi", count=20)
 CONFIG = ScenesConfig(train=MULTI)
@@ -47,6 +47,20 @@ def test_objects_touch_the_table_and_stay_on_it(objects):
             assert np.abs(vertices[:, :2]).max() <= CONFIG.table_size / 2
             assert np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3))
             assert np.isclose(np.linalg.det(T[:3, :3]), 1)
+
+
+def test_an_object_whose_parts_fall_short_of_its_mesh_is_put_lower():
+    """Parts that end 3 mm above the mesh's underside: the object falls 1 mm, not 3."""
+    size = np.array([0.06, 0.09, 0.15])
+    box = scene_shapes.model_of("box", scene_shapes.box_mesh(tuple(size)))
+    less = [np.array(scene_shapes.box_mesh(tuple(size - 0.006)).vertices)]
+    short = dataclasses.replace(box, convex_parts=less)
+    scenes = SceneSetConfig(kind="single", count=5)
+    for number in range(5):
+        whole = make_layout(CONFIG, scenes, {box.id: box}, number).T_world_object[0]
+        lower = make_layout(CONFIG, scenes, {box.id: short}, number).T_world_object[0]
+        assert lower[2, 3] == pytest.approx(whole[2, 3] - 0.002)
+        assert transforms.apply(lower, less[0])[:, 2].min() == pytest.approx(0.001)
 
 
 def test_objects_rest_in_mujoco(objects):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import scene_shapes
 import trimesh
 from scipy.ndimage import binary_dilation
 
@@ -12,6 +11,7 @@ from dmfc.config.scenes import CameraConfig
 from dmfc.errors import DmfcError
 from dmfc.scenes.cameras import table_cameras
 from dmfc.scenes.render import NOTHING, TABLE, available_renderers, open_renderer
+from tests.scenes import scene_shapes
 
 CAMERAS = table_cameras(CameraConfig())
 WORKING = [name for name, reason in available_renderers().items() if not reason]

@@ -145,7 +145,7 @@ def test_errors(tmp_path, shards, config, objects, grasps, scenes):
         SceneSet.open([tmp_path / "none.parquet"])
     other = tmp_path / "other.parquet"
     pq.write_table(pq.read_table(shards[0]).replace_schema_metadata({}), other)
-    with pytest.raises(DmfcError, match="format version none, expected 1"):
+    with pytest.raises(DmfcError, match="format version none, expected 2"):
         SceneSet.open([other])
     with pytest.raises(DmfcError, match="no shard 3: the train set has 3"):
         make_shard(config, "train", 3, objects, None, None, other)

@@ -1,0 +1,69 @@
+"""Errors of the depth cameras, and random motions of a scene; what the loader adds to its data."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from dmfc.config.scenes import AugmentationConfig, SensorConfig
+
+
+def sensor_errors(
+    config: SensorConfig,
+    points: np.ndarray,
+    normals: np.ndarray,
+    point_camera: np.ndarray,
+    camera_positions: np.ndarray,
+    generator: np.random.Generator,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points and normals [N, 3] as cameras with errors of depth and of their own pose see them.
+
+    point_camera: [N] index into camera_positions [C, 3]; all in one frame. None is lost here: see
+    `kept_points`.
+    """
+    centre = camera_positions[point_camera]
+    points = points + depth_noise(config, points - centre, generator)
+    if config.camera_turn == 0 and config.camera_shift == 0:
+        return points, normals
+    count = len(camera_positions)
+    vector = config.camera_turn * generator.standard_normal((count, 3))
+    turned = Rotation.from_rotvec(vector).as_matrix()[point_camera]
+    shift = config.camera_shift * generator.standard_normal((count, 3))
+    points = centre + shift[point_camera] + np.einsum("nij,nj->ni", turned, points - centre)
+    return points, np.einsum("nij,nj->ni", turned, normals)
+
+
+def depth_noise(
+    config: SensorConfig, rays: np.ndarray, generator: np.random.Generator
+) -> np.ndarray:
+    """Gaussian error of depth along the rays [N, 3] from the camera: [N, 3], metres."""
+    length = np.linalg.norm(rays, axis=1, keepdims=True)
+    return config.noise * generator.standard_normal((len(rays), 1)) * rays / length
+
+
+def kept_points(config: SensorConfig, count: int, generator: np.random.Generator) -> np.ndarray:
+    """Indices [N] in random order, where the dropped ones are replaced by repeats of others.
+
+    The order is random anew so that the seed points, which begin at point 0, differ too.
+    """
+    order = generator.permutation(count)
+    lost = min(int(config.dropped * count), count - 1)
+    kept = order[: count - lost]
+    return np.concatenate([kept, generator.choice(kept, lost)])
+
+
+def choose(available: int, count: int, generator: np.random.Generator) -> np.ndarray:
+    """`count` of `available` indices in random order; all of them, then repeats, if too few."""
+    if available >= count:
+        return generator.choice(available, count, replace=False)
+    repeats = generator.choice(available, count - available)
+    return generator.permutation(np.concatenate([np.arange(available), repeats]))
+
+
+def random_motion(config: AugmentationConfig, generator: np.random.Generator) -> np.ndarray:
+    """T_new_world [4, 4]: a turn about the vertical through the table centre, and a shift."""
+    yaw = generator.uniform(-np.pi, np.pi) if config.yaw else 0.0
+    T = np.eye(4)
+    T[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
+    T[:2, 3] = generator.uniform(-config.shift, config.shift, 2)
+    return T

@@ -1,0 +1,151 @@
+"""A scene set as one folder, here or in an object store: a manifest that names all its files.
+
+`manifest.json` is written last: a set is there if its manifest is. The files it names lie beside it
+(`publish(..., copy=True)`: a set that can be sent anywhere) or where they were made (an index).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dmfc.assets.packs import list_packs
+from dmfc.config.scenes import MatchingConfig
+from dmfc.errors import DmfcError
+from dmfc.grasps.grasp_set import GraspSet
+from dmfc.scenes.scene_set import SceneSet
+from dmfc.scenes.stats import scene_stats
+from dmfc.scenes.storage import join, read_file, write_file
+
+VERSION = 1
+KIND = "dmfc.scene_set"
+MANIFEST = "manifest.json"
+
+
+@dataclass(frozen=True)
+class PublishedSet:
+    """What a manifest describes; its files are read when they are asked for."""
+
+    place: str
+    """Path or URL of the folder."""
+    manifest: dict[str, Any]
+
+    @classmethod
+    def open(cls, place: str) -> PublishedSet:
+        """Raises DmfcError if no manifest of this version is there."""
+        text = read_file(join(place, MANIFEST))
+        try:
+            manifest = json.loads(text)
+        except json.JSONDecodeError as error:
+            raise DmfcError(f"{join(place, MANIFEST)} is damaged: {error}") from error
+        if manifest.get("kind") != KIND or manifest.get("version") != VERSION:
+            raise DmfcError(f"{join(place, MANIFEST)} is no scene set of version {VERSION}")
+        return cls(place, manifest)
+
+    @cached_property
+    def scenes(self) -> SceneSet:
+        shards = self.manifest["shards"]
+        return SceneSet.open([join(self.place, shard["file"]) for shard in shards])
+
+    @cached_property
+    def grasps(self) -> dict[str, GraspSet]:
+        """By object; empty for scenes without labels."""
+        files = self.manifest["grasps"]
+        return {name: self._grasp_set(file) for name, file in files.items()}
+
+    @property
+    def palm_reference(self) -> np.ndarray:
+        """[3], palm frame."""
+        return np.array(self.manifest["palm_reference"])
+
+    def damaged(self) -> list[str]:
+        """The shards whose bytes are not those that were published."""
+        return [
+            shard["file"]
+            for shard in self.manifest["shards"]
+            if _digest(read_file(join(self.place, shard["file"]))) != shard["sha256"]
+        ]
+
+    def _grasp_set(self, file: str) -> GraspSet:
+        return GraspSet.load(io.BytesIO(read_file(join(self.place, file))))
+
+
+def publish(
+    place: str,
+    shards: Sequence[Path],
+    grasps: Mapping[str, Path],
+    palm_reference: np.ndarray | Sequence[float],
+    matching: MatchingConfig,
+    *,
+    seeds: int = 512,
+    copy: bool,
+    made_by: Mapping[str, str],
+) -> PublishedSet:
+    """Write the manifest of a set of shards, and copy its files beside it if `copy`.
+
+    `grasps`: the grasp set's file of each object. `made_by`: whatever tells code and command.
+    """
+    scenes = SceneSet.open(shards)
+    own = {name: GraspSet.load(path) for name, path in grasps.items()}
+    manifests = scenes.manifests
+    shared = {key: manifests[0].get(key) for key in ("set", "scenes", "renderer", "hand")}
+    objects: dict[str, str] = {}
+    for manifest in manifests:
+        objects |= manifest["objects"]
+    listed = [
+        {
+            "file": _put(place, path, f"shards/{number:05d}.parquet", copy),
+            "scenes": shard["numbers"],
+            "bytes": path.stat().st_size,
+            "sha256": _digest(path.read_bytes()),
+        }
+        for number, (path, shard) in enumerate(zip(shards, manifests, strict=True))
+    ]
+    manifest = {
+        "kind": KIND,
+        "version": VERSION,
+        "made_by": dict(made_by),
+        **shared,
+        "objects": dict(sorted(objects.items())),
+        "packs": packs_of(objects),
+        "matching": vars(matching),
+        "palm_reference": np.asarray(palm_reference).tolist(),
+        "statistics": scene_stats(scenes, own or None, np.asarray(palm_reference), matching, seeds),
+        "bytes": sum(shard["bytes"] for shard in listed),
+        "shards": listed,
+        "grasps": {
+            name: _put(place, path, f"grasps/{name.replace('/', '__')}.parquet", copy)
+            for name, path in sorted(grasps.items())
+            if name in objects
+        },
+    }
+    text = json.dumps(manifest, indent=1) + "\n"
+    write_file(join(place, MANIFEST), text.encode())
+    return PublishedSet(place, json.loads(text))
+
+
+def packs_of(object_ids: Mapping[str, Any]) -> dict[str, str]:
+    """SHA-256 of the packs that objects come from; generated and the user's own have none."""
+    sources = {name.split("/")[0] for name in object_ids}
+    return {pack.name: pack.sha256 for pack in list_packs() if pack.name in sources}
+
+
+def _put(place: str, path: Path, name: str, copy: bool) -> str:
+    """The name by which a manifest at `place` refers to a file, copied there or not."""
+    if not copy:
+        return os.path.relpath(path, place)
+    write_file(join(place, name), path.read_bytes())
+    return name
+
+
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
