@@ -31,6 +31,9 @@ class TrainingConfig:
     hard_samples: int = setting(
         64, "predictions with the highest error that are back-propagated; 0: all"
     )
+    hard_error: Literal["task", "weighted"] = setting(
+        "weighted", "the error that ranks: the task loss, or the confidence times the task loss"
+    )
     hard_scope: Literal["batch", "scene"] = setting("batch", "where the hardest are chosen")
     hard_stages: Literal["both", "finetune"] = setting(
         "both", "stages in which only the hardest count; the paper chooses 'during training'"

@@ -5,16 +5,17 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from dmfc.config.losses import GraspSpace
 
-def grasp_vector(
-    position: Tensor, rotation6d: Tensor, joints: Tensor, joint_weight: float = 1.0
-) -> Tensor:
-    """The 27 numbers of a grasp: position 3, (a, b) 6, sqrt(joint_weight) * joints 18.
 
-    [..., 3], [..., 6], [..., J] -> [..., 9 + J]. Palm positions in the world serve as well as
-    offsets from a seed point: their differences are the same.
+def grasp_vector(position: Tensor, rotation6d: Tensor, joints: Tensor, space: GraspSpace) -> Tensor:
+    """The 27 numbers of a grasp: position / length_unit, (a, b), sqrt(joint_weight) * joints.
+
+    [..., 3] in metres, [..., 6], [..., J] in rad -> [..., 9 + J]. Palm positions in the world serve
+    as well as offsets from a seed point: their differences are the same.
     """
-    return torch.cat([position, rotation6d, joint_weight**0.5 * joints], dim=-1)
+    scaled = position / space.length_unit, rotation6d, space.joint_weight**0.5 * joints
+    return torch.cat(scaled, dim=-1)
 
 
 def chamfer(prediction: Tensor, labels: Tensor, match: Tensor) -> Tensor:

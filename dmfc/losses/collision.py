@@ -74,17 +74,16 @@ class SelfCollision:
 
     def _near(self, points: Tensor, T_x_link: Tensor) -> tuple[Tensor, ...]:
         """(grasp, link, point) of every point in the box of a link that it may collide with."""
-        find = self._inside_compiled if points.device.type == "cpu" else self._inside
+        if points.device.type == "cpu":
+            return self._near_compiled(points, T_x_link)
         found, rows = [], zip(points.split(ROWS), T_x_link.split(ROWS), strict=True)
         for i, piece in enumerate(rows):
-            grasp, link, point = find(*piece).nonzero(as_tuple=True)
+            grasp, link, point = self._inside(*piece).nonzero(as_tuple=True)
             found.append(torch.stack([grasp + i * ROWS, link, point]))
         return torch.cat(found, dim=1).unbind()
 
-    def _inside_compiled(self, points: Tensor, T_x_link: Tensor) -> Tensor:
-        """[n, L, P] whether a point may collide with a link: in its box and not excluded."""
-        inside = torch.zeros(len(points), self.links, points.shape[1], dtype=torch.bool)
-        points_in_boxes(
+    def _near_compiled(self, points: Tensor, T_x_link: Tensor) -> tuple[Tensor, ...]:
+        found = points_in_boxes(
             points.contiguous().numpy(),
             T_x_link[..., :3, :3].contiguous().numpy(),
             T_x_link[..., :3, 3].contiguous().numpy(),
@@ -92,12 +91,11 @@ class SelfCollision:
             self.upper.numpy(),
             self.link.numpy(),
             self.excluded.numpy(),
-            inside.numpy(),
         )
-        return inside
+        return torch.from_numpy(found).T.unbind()
 
     def _inside(self, points: Tensor, T_x_link: Tensor) -> Tensor:
-        """As `_inside_compiled`, by tensor operations."""
+        """[n, L, P] whether a point may collide with a link: in its box and not excluded."""
         local = (points[:, None] - T_x_link[..., None, :3, 3]) @ T_x_link[..., :3, :3]
         lower, upper = self.lower.to(local)[:, None], self.upper.to(local)[:, None]
         excluded = self.excluded.to(local.device)[:, self.link.to(local.device)]

@@ -16,11 +16,14 @@ from torch import Tensor
 
 from dmfc.config.losses import Q1Config
 from dmfc.losses.atlas import SceneObjects
+from dmfc.losses.q1_kernel import critical
 
 LEVELS = {64: 2, 728: 3, 4032: 4}
 """Number of directions r^6 - (r - 2)^6 -> r, lattice points along an edge of the 6-D cube."""
 CHUNK = 4_000_000
 """Supports computed at a time."""
+SMALLEST_SQUARE = 1e-12
+"""Keeps the root of a tangential part that is not there differentiable."""
 
 Support = Literal["exact", "published"]
 
@@ -31,13 +34,22 @@ def q1_upper(points: Tensor, objects: SceneObjects, config: Q1Config) -> Tensor:
     points: [n, V, 3] the inner points in the world. A grasp is judged on one object, the one that
     its points are closest to (the largest sum of weights); torques are about its centre of mass.
     """
+    return q1_of_contacts(*grasp_contacts(points, objects, config), config)
+
+
+def grasp_contacts(
+    points: Tensor, objects: SceneObjects, config: Q1Config
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Arms [n, V, 3], outward normals [n, V, 3] and distances [n, V] of points [n, V, 3].
+
+    Of the one object that each grasp is judged on; arms are from its centre of mass.
+    """
     with torch.no_grad():
         weights = torch.exp(-config.alpha * objects.distance(points).abs())
         target = weights.sum(-1).argmax(-1)
     grasped = objects.only(target)
     distance, normals = grasped.surface(points)
-    arms = points - grasped.centres.to(points.dtype)
-    return q1_of_contacts(arms, normals[:, 0], distance[:, 0], config)
+    return points - grasped.centres.to(points.dtype), normals[:, 0], distance[:, 0]
 
 
 def q1_of_contacts(arms: Tensor, normals: Tensor, distance: Tensor, config: Q1Config) -> Tensor:
@@ -52,9 +64,11 @@ def q1_of_contacts(arms: Tensor, normals: Tensor, distance: Tensor, config: Q1Co
     force, torque = directions[:, :3], config.torque_weight * directions[:, 3:]
     weight = torch.exp(-config.alpha * distance.abs())
     with torch.no_grad():
+        compiled = arms.device.type == "cpu" and config.support == "exact"
+        find = _critical_compiled if compiled else _critical
         rows = max(CHUNK // (arms.shape[1] * len(directions)), 1)
         pieces = zip(arms.split(rows), normals.split(rows), weight.split(rows), strict=True)
-        chosen = [_critical(*piece, force, torque, config) for piece in pieces]
+        chosen = [find(*piece, force, torque, config) for piece in pieces]
         contact = torch.cat([piece[0] for piece in chosen])
         direction = torch.cat([piece[1] for piece in chosen])
     row = torch.arange(len(arms), device=arms.device)
@@ -71,7 +85,7 @@ def cone_support(perpendicular: Tensor, squared: Tensor, config: Q1Config) -> Te
     max(0, perp + mu * par), par the length of the tangential part. Published (the code of Liu et
     al.): perp + par^2 / perp where u is inside the cone, which is up to 10 % less.
     """
-    tangential = (squared - perpendicular.square()).clamp(min=1e-12)
+    tangential = (squared - perpendicular.square()).clamp(min=SMALLEST_SQUARE)
     parallel = tangential.sqrt()
     value = perpendicular + config.friction * parallel
     if config.support == "published":
@@ -118,3 +132,26 @@ def _critical(
     best, contact = support.max(dim=1)
     direction = best.argmin(dim=1)
     return contact.gather(1, direction[:, None])[:, 0], direction
+
+
+def _critical_compiled(
+    arms: Tensor, normals: Tensor, weight: Tensor, force: Tensor, torque: Tensor, config: Q1Config
+) -> tuple[Tensor, Tensor]:
+    """As `_critical`, for the exact support; where several attain the bound, one of them."""
+    features = [force, torque, 2 * torch.linalg.cross(force, torque, dim=-1)]
+    squares = [vector.square().sum(-1, keepdim=True) for vector in (force, torque)]
+    directions = torch.cat([*features, *squares], dim=-1).T.contiguous().numpy()
+    contact, direction = (torch.empty(len(arms), dtype=torch.int64) for _ in range(2))
+    kind = directions.dtype.type
+    critical(
+        arms.detach().contiguous().numpy(),
+        normals.detach().contiguous().numpy(),
+        weight.detach().contiguous().numpy(),
+        directions,
+        kind(config.friction),
+        kind(SMALLEST_SQUARE),
+        config.floor,
+        contact.numpy(),
+        direction.numpy(),
+    )
+    return contact, direction

@@ -16,10 +16,12 @@ from dmfc.losses.atlas import SceneObjects
 from dmfc.losses.clamp import clamp_joints
 from dmfc.losses.collision import SelfCollision, collision
 from dmfc.losses.guidance import guidance
-from dmfc.losses.q1 import q1_upper
+from dmfc.losses.q1 import grasp_contacts, q1_of_contacts
+from dmfc.losses.q1_lower import q1_lower_of_contacts
 
-TERMS = ("chamfer", "collision", "guidance", "q1_upper")
-"""The terms of the task loss, w1 to w4."""
+TERMS = ("chamfer", "collision", "guidance", "q1_upper", "q1_lower")
+"""The terms of the task loss: w1 to w4 of the paper, and the lower bound of Q1."""
+Q1_TERMS = {"q1_upper", "q1_lower"}
 
 
 def active_terms(weights: LossWeights) -> list[str]:
@@ -60,20 +62,25 @@ class SceneTerms:
         """Those of the terms `names` that this computes, [n] each, not weighted.
 
         position [n, 3] and rotation [n, 3, 3] of the palm in the world; joints [n, J] rad, as
-        predicted: they are clamped here; objects: those around each grasp. q1_upper is exp(-Q).
+        predicted: they are clamped here; objects: those around each grasp. q1_upper, q1_lower are
+        exp(-Q).
         """
         held = clamp_joints(joints, self.lower.to(joints), self.upper.to(joints), self.config.clamp)
         T_world_link = self.kinematics.links(transform(rotation, position), held)
         terms: dict[str, Tensor] = {}
-        per_area = self.config.length_unit**-2
         if "collision" in names:
             points = self.kinematics.collision_points_of_links(T_world_link)
             value = collision(points, objects, T_world_link, self.self_collision)
-            terms["collision"] = per_area * value
-        if "guidance" in names or "q1_upper" in names:
-            inner, _ = self.kinematics.inner_points_of_links(T_world_link)
-            if "guidance" in names:
-                terms["guidance"] = per_area * guidance(inner, objects)
+            terms["collision"] = value / self.config.units.collision**2
+        inner, _ = self.kinematics.inner_points_of_links(T_world_link)
+        if "guidance" in names:
+            terms["guidance"] = guidance(inner, objects) / self.config.units.guidance**2
+        if Q1_TERMS & set(names):
+            q1 = self.config.q1
+            contacts = grasp_contacts(inner, objects, q1)
             if "q1_upper" in names:
-                terms["q1_upper"] = torch.exp(-q1_upper(inner, objects, self.config.q1))
+                terms["q1_upper"] = torch.exp(-q1_of_contacts(*contacts, q1))
+            if "q1_lower" in names:
+                lower = q1_lower_of_contacts(*contacts, q1, self.config.q1_lower)
+                terms["q1_lower"] = torch.exp(-lower)
         return terms

@@ -12,7 +12,7 @@ from dmfc.errors import DmfcError
 from dmfc.geometry.points import farthest_points, take_points
 from dmfc.geometry.rotations import matrix_from_6d
 from dmfc.network.pointnet2 import Neighbourhoods, PointNet2
-from dmfc.network.rows import row_layers
+from dmfc.network.rows import RowLayers, row_layers
 
 HEIGHT_UNIT_M = 0.1  # heights enter in units of it, so that they are of the size of 1
 LAST_LAYER_STD = 0.01  # small, so that training starts from the biases below: a sane hand
@@ -109,4 +109,4 @@ def grasp_head(config: NetworkConfig, start: Tensor) -> nn.Sequential:
     nn.init.normal_(last.weight, std=LAST_LAYER_STD)
     with torch.no_grad():
         last.bias.copy_(start)
-    return nn.Sequential(*row_layers([config.features, config.width, config.width]), last)
+    return RowLayers(*row_layers([config.features, config.width, config.width]), last)

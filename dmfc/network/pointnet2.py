@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from dmfc.config.network import NetworkConfig
 from dmfc.geometry.points import ball_query, take_points, three_nearest
-from dmfc.network.rows import BallLayers, row_layers
+from dmfc.network.rows import BallLayers, row_layers, take_rows
 
 
 @dataclass(frozen=True)
@@ -62,10 +62,7 @@ class SetAbstraction(nn.Module):
         # in units of the radius: metres would be of the size of the norm's epsilon
         points = self.layers.per_point(fine.reshape(-1, 3) / self.radius, features)
         centres = self.layers.per_point(coarse.reshape(-1, 3) / self.radius, None)
-        size = ball.shape[2]
-        pairs = take_rows(points, ball, fine.shape[1]).view(-1, size, points.shape[1])
-        rows = (pairs - centres[:, None]).flatten(0, 1)
-        return self.layers.pooled(rows, size)
+        return self.layers.of_balls(points, centres, ball)
 
 
 class GlobalAbstraction(nn.Module):
@@ -142,9 +139,3 @@ class PointNet2(nn.Module):
         ):
             rows = propagation(rows, fine, near, weight)
         return rows
-
-
-def take_rows(rows: Tensor, index: Tensor, size: int) -> Tensor:
-    """Of `rows` `[B*size, C]` those at `index` `[B, ...]` of each cloud: `[index.numel(), C]`."""
-    first = torch.arange(len(index), device=index.device) * size
-    return rows.index_select(0, (index.flatten(1) + first[:, None]).flatten())

@@ -11,6 +11,14 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor, nn
 
+from dmfc.network.balls import (
+    BallLayersFunction,
+    NormReluFunction,
+    ball_layers,
+    norm_relu,
+    runs_here,
+)
+
 
 class RowNorm(nn.BatchNorm2d):
     """Batch normalisation of rows `[R, C]` over R.
@@ -23,13 +31,64 @@ class RowNorm(nn.BatchNorm2d):
         image = rows.view(1, len(rows), 1, -1).permute(0, 3, 1, 2)
         return super().forward(image).permute(0, 2, 3, 1).reshape(rows.shape)
 
+    def with_relu(self, rows: Tensor) -> Tensor:
+        """relu(norm(rows))."""
+        if runs_here(rows) and self.statistics_known:
+            return norm_relu(rows, self.as_affine())
+        if runs_here(rows) and self.training:
+            out, mean, variance = NormReluFunction.apply(rows, self.weight, self.bias, self.eps)
+            self.track(mean, variance, len(rows))
+            return out
+        return torch.relu(self(rows))
 
-def row_layers(widths: Sequence[int]) -> nn.Sequential:
+    @property
+    def statistics_known(self) -> bool:
+        """Whether the norm is a constant scale and shift: evaluation without gradients."""
+        return not (self.training or torch.is_grad_enabled() or self.running_var is None)
+
+    @torch.no_grad()
+    def as_affine(self) -> tuple[Tensor, Tensor]:
+        """The scale and shift `[C]` that the running statistics make of the norm."""
+        assert self.running_mean is not None
+        assert self.running_var is not None
+        scale = self.weight / (self.running_var + self.eps).sqrt()
+        return scale, self.bias - scale * self.running_mean
+
+    @torch.no_grad()
+    def track(self, mean: Tensor, variance: Tensor, count: int) -> None:
+        """Moves the running statistics towards those of `count` rows, as `forward` does."""
+        if self.momentum is None or self.running_mean is None or self.running_var is None:
+            return
+        self.running_mean.lerp_(mean, self.momentum)
+        self.running_var.lerp_(variance * (count / (count - 1)), self.momentum)
+        if self.num_batches_tracked is not None:
+            self.num_batches_tracked += 1
+
+
+class RowLayers(nn.Sequential):
+    """Layers on rows `[R, C]`, where a ReLU follows every norm and is done with it."""
+
+    def forward(self, rows: Tensor) -> Tensor:
+        for layer in self:
+            if isinstance(layer, RowNorm):
+                rows = layer.with_relu(rows)
+            elif not isinstance(layer, nn.ReLU):
+                rows = layer(rows)
+        return rows
+
+
+def row_layers(widths: Sequence[int]) -> RowLayers:
     """(Linear, norm, ReLU) from each of `widths` to the next; no bias, as the norm has one."""
     layers: list[nn.Module] = []
     for before, after in itertools.pairwise(widths):
         layers += [nn.Linear(before, after, bias=False), RowNorm(after), nn.ReLU()]
-    return nn.Sequential(*layers)
+    return RowLayers(*layers)
+
+
+def take_rows(rows: Tensor, index: Tensor, size: int) -> Tensor:
+    """Of `rows` `[B*size, C]` those at `index` `[B, ...]` of each cloud: `[index.numel(), C]`."""
+    first = torch.arange(len(index), device=index.device) * size
+    return rows.index_select(0, (index.flatten(1) + first[:, None]).flatten())
 
 
 class BallLayers(nn.Module):
@@ -56,6 +115,33 @@ class BallLayers(nn.Module):
         if self.from_features is None or features is None:
             return rows
         return rows + self.from_features(features)
+
+    def of_balls(self, points: Tensor, centres: Tensor, ball: Tensor) -> Tensor:
+        """Points `[B*N, C]` and centres `[B*M, C]` after the first layer -> balls `[B*M, C']`.
+
+        `ball` `[B,M,k]` into the N points of each cloud.
+        """
+        norms = [layer for layer in self.rest if isinstance(layer, RowNorm)]
+        if len(norms) > 1 and runs_here(points):
+            if norms[0].statistics_known:
+                weights = [layer.weight for layer in self.rest if isinstance(layer, nn.Linear)]
+                affines = [norm.as_affine() for norm in norms]
+                return ball_layers(points, centres, ball, weights, affines)
+            if self.training:
+                return self._learning(points, centres, ball, norms)
+        size = ball.shape[2]
+        pairs = take_rows(points, ball, len(points) // len(ball))
+        rows = pairs.view(-1, size, points.shape[1]) - centres[:, None]
+        return self.pooled(rows.flatten(0, 1), size)
+
+    def _learning(
+        self, points: Tensor, centres: Tensor, ball: Tensor, norms: list[RowNorm]
+    ) -> Tensor:
+        parameters = [p for layer in self.rest for p in layer.parameters()]
+        out, *stats = BallLayersFunction.apply(points, centres, ball, norms[0].eps, *parameters)
+        for norm, mean, variance in zip(norms, stats[::2], stats[1::2], strict=True):
+            norm.track(mean, variance, ball.numel())
+        return out
 
     def pooled(self, rows: Tensor, size: int) -> Tensor:
         """The other layers of `rows` `[R*size, C]` and the maximum of each `size`: `[R, C']`."""

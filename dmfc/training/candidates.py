@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from dmfc.config.losses import GraspSpace
 from dmfc.geometry.rotations import matrix_from_6d, sixd_from_matrix
 from dmfc.losses.chamfer import chamfer, grasp_vector
 from dmfc.network.model import Prediction
@@ -36,13 +37,11 @@ class Candidates:
         return len(self.scene)
 
     @classmethod
-    def of(cls, prediction: Prediction, batch: Batch, joint_weight: float) -> Candidates:
+    def of(cls, prediction: Prediction, batch: Batch, space: GraspSpace) -> Candidates:
         """All `B*m` predictions, in float32 whatever the network's precision."""
         prediction = prediction.float()
         size, seeds = prediction.logit.shape
-        ours = grasp_vector(
-            prediction.position, prediction.rotation6d, prediction.joints, joint_weight
-        )
+        ours = grasp_vector(prediction.position, prediction.rotation6d, prediction.joints, space)
         scene = torch.arange(size, device=ours.device)[:, None].expand(size, seeds)
         return cls(
             scene=scene.flatten(),
@@ -51,7 +50,7 @@ class Candidates:
             joints=prediction.joints.flatten(0, 1),
             logit=prediction.logit.flatten(),
             positive=batch["match"].any(-1).flatten(),
-            chamfer=chamfer(ours, label_vectors(batch, joint_weight), batch["match"]).flatten(),
+            chamfer=chamfer(ours, label_vectors(batch, space), batch["match"]).flatten(),
         )
 
     @property
@@ -65,7 +64,7 @@ class Candidates:
         return Candidates(**values)
 
 
-def label_vectors(batch: Batch, joint_weight: float) -> Tensor:
+def label_vectors(batch: Batch, space: GraspSpace) -> Tensor:
     """The labels of each scene in grasp space, `[B,G,9+J]`."""
     sixd = sixd_from_matrix(batch["grasp_rotation"])
-    return grasp_vector(batch["grasp_position"], sixd, batch["grasp_joints"], joint_weight)
+    return grasp_vector(batch["grasp_position"], sixd, batch["grasp_joints"], space)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import json
 import logging
 import os
@@ -19,29 +18,19 @@ from lightning.pytorch.callbacks import Checkpoint
 from omegaconf import OmegaConf
 from safetensors.torch import save_file
 
-from dmfc.config.losses import LossConfig
-from dmfc.config.network import NetworkConfig
-from dmfc.config.setting import setting
-from dmfc.config.training import TrainingConfig
 from dmfc.errors import DmfcError
 from dmfc.hand.model import HandModel
 from dmfc.losses.atlas import ObjectAtlas
+from dmfc.training.failure import Failure
 from dmfc.training.module import GraspTraining
+from dmfc.training.settings import FitConfig
 from dmfc.training.task import Stage, Task
+from dmfc.training.validation import Validation
 from dmfc.training.weights import CONFIG, METRICS, SUMMARY, WEIGHTS, load_weights, new_network
 
 VERSION = 1
 CHECKPOINT = "last.ckpt"
 FAILURE = "failure.pt"
-
-
-@dataclasses.dataclass(frozen=True)
-class FitConfig:
-    """The settings that decide what is learned."""
-
-    network: NetworkConfig = setting(NetworkConfig, "the network")
-    losses: LossConfig = setting(LossConfig, "losses and their weights")
-    training: TrainingConfig = setting(TrainingConfig, "the two-stage schedule")
 
 
 def fit(
@@ -53,12 +42,14 @@ def fit(
     out: Path,
     work: Path,
     init_weights: Path | None = None,
+    data_digest: str = "",
     progress: Callable[[float, str], None] = lambda fraction, message: None,
 ) -> None:
     """Train `stage` and write weights, metrics per epoch, config and summary into `out`.
 
     `init_weights`: folder of a finished stage to start from; None starts from random weights, which
-    follow from the seed. `work` holds a checkpoint per epoch: a second call with the same `work`
+    follow from the seed. `data_digest` tells the data from others: a checkpoint of other data is
+    refused. `work` holds a checkpoint per epoch: a second call with the same `work`
     goes on after the last finished epoch, and ends as the uninterrupted run would have.
     Raises DmfcError where a loss is not finite or nothing can be learned.
     """
@@ -69,7 +60,10 @@ def fit(
     if init_weights is not None:
         load_weights(net, init_weights)
     task = Task(stage, config.losses, hand, atlas, training.rank_points)
-    module = GraspTraining(net, task, training, work / FAILURE)
+    failure = Failure(work / FAILURE, config, hand.name)
+    validation = Validation(config.validation, config.losses, hand, atlas)
+    module = GraspTraining(net, task, training, failure, validation)
+    module.data_digest = data_digest
     started = time.perf_counter()
     with _quiet(), _threads(training.threads):
         trainer = Trainer(
@@ -83,6 +77,7 @@ def fit(
             enable_model_summary=False,
             default_root_dir=work,
             num_sanity_val_steps=0,
+            check_val_every_n_epoch=config.validation.every,
             use_distributed_sampler=False,  # the data module's sampler knows the processes
         )
         checkpoint = work / CHECKPOINT
@@ -108,8 +103,7 @@ def _write(
     out.mkdir(parents=True, exist_ok=True)
     state = {k: v.detach().cpu().contiguous() for k, v in module.net.state_dict().items()}
     save_file(state, out / WEIGHTS)
-    lines = [json.dumps(row) + "\n" for row in module.metrics]
-    (out / METRICS).write_text("".join(lines))
+    _write_metrics(out / METRICS, module)
     described = OmegaConf.create({"version": VERSION, "stage": stage, "hand": hand.name})
     settings = OmegaConf.to_container(OmegaConf.structured(config))
     OmegaConf.save(OmegaConf.merge(described, settings), out / CONFIG)
@@ -119,15 +113,21 @@ def _write(
         "epochs": module.schedule.epochs,
         "parameters": sum(p.numel() for p in module.net.parameters()),
         "seconds": round(seconds, 3),
+        "data_digest": module.data_digest,
         "device": str(module.device),
         "torch": torch.__version__,
-        "last": module.metrics[-1],
+        "last": {row["split"]: row for row in module.metrics},
     }
     (out / SUMMARY).write_text(json.dumps(summary, indent=1) + "\n")
 
 
+def _write_metrics(path: Path, module: GraspTraining) -> None:
+    lines = [json.dumps(row) + "\n" for row in module.metrics]
+    path.write_text("".join(lines))
+
+
 class _KeepLast(Checkpoint):
-    """Saves after each epoch, whole or not at all.
+    """Saves after each epoch, whole or not at all, and then its metrics, for those who watch.
 
     A `Checkpoint`, because Lightning calls those after the module's own hook has added its metrics.
     """
@@ -140,6 +140,10 @@ class _KeepLast(Checkpoint):
         trainer.save_checkpoint(temporary)
         if trainer.is_global_zero:
             os.replace(temporary, self.path)
+            assert isinstance(pl_module, GraspTraining)
+            told = self.path.with_name(f"{METRICS}.part")
+            _write_metrics(told, pl_module)
+            os.replace(told, self.path.parent / METRICS)
 
 
 class _Progress(Callback):

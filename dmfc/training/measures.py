@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from dmfc.config.losses import GraspSpace
 from dmfc.geometry.rotations import geodesic_angle
 from dmfc.losses.chamfer import grasp_vector
 from dmfc.network.model import Prediction
@@ -12,14 +13,14 @@ from dmfc.training.candidates import Batch, label_vectors
 
 
 @torch.no_grad()
-def label_errors(prediction: Prediction, batch: Batch, joint_weight: float) -> dict[str, Tensor]:
+def label_errors(prediction: Prediction, batch: Batch, space: GraspSpace) -> dict[str, Tensor]:
     """Errors at each of the p seed points with a label, against the label nearest in grasp space.
 
     translation_mm, rotation_deg, joints_deg (root mean square over the joints): `[p]` each.
     """
     prediction = prediction.float()
-    ours = grasp_vector(prediction.position, prediction.rotation6d, prediction.joints, joint_weight)
-    apart = torch.cdist(ours, label_vectors(batch, joint_weight))
+    ours = grasp_vector(prediction.position, prediction.rotation6d, prediction.joints, space)
+    apart = torch.cdist(ours, label_vectors(batch, space))
     nearest = apart.masked_fill(~batch["match"], torch.inf).argmin(-1)
     scene, seed = batch["match"].any(-1).nonzero(as_tuple=True)
     label = nearest[scene, seed]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from pathlib import Path
 from typing import Any
 
 import torch
@@ -16,12 +15,14 @@ from dmfc.errors import DmfcError
 from dmfc.losses.confidence import confidence_loss
 from dmfc.network.model import DmfcGraspNet, Prediction
 from dmfc.training.candidates import Batch, Candidates
+from dmfc.training.failure import Failure
 from dmfc.training.means import Means
 from dmfc.training.measures import label_errors
 from dmfc.training.selection import hardest
 from dmfc.training.task import Task
+from dmfc.training.validation import Validation, calibration
 
-TIMINGS = frozenset({"seconds", "scenes_per_second"})
+TIMINGS = frozenset({"seconds", "scenes_per_second", "time"})
 """Metrics of an epoch that differ from run to run; all others are exact."""
 
 
@@ -29,20 +30,29 @@ class GraspTraining(LightningModule):
     """Trains `net` on `task`. `metrics` holds a row per finished epoch.
 
     Where a loss or a gradient is not finite the run stops with a DmfcError that names the term and
-    the scene, and `failure_file` holds the batch and the weights that led there.
+    the scene, and `failure` saves the batch and the weights that led there. `data_digest` says
+    which data the checkpoints belong to. Batches of validation need a `validation`.
     """
 
+    data_digest = ""
+
     def __init__(
-        self, net: DmfcGraspNet, task: Task, config: TrainingConfig, failure_file: Path
+        self,
+        net: DmfcGraspNet,
+        task: Task,
+        config: TrainingConfig,
+        failure: Failure,
+        validation: Validation | None = None,
     ) -> None:
         super().__init__()
         self.net = net
         self.task = task
         self.config = config
-        self.failure_file = failure_file
+        self.failure = failure
+        self.validation = validation
         self.metrics: list[dict[str, Any]] = []
         self._means = Means()
-        self._validation = Means()
+        self._validation_means = Means()
         self._started = 0.0
         self._batch: Batch = {}
 
@@ -56,10 +66,10 @@ class GraspTraining(LightningModule):
         self._batch = batch
         prediction = self.net(batch["points"], batch["seed_index"])
         candidates = self.task.candidates(prediction, batch)
-        self._measure(self._means, prediction, batch)
+        self._measure(prediction, batch)
         if len(candidates) == 0:
             return None
-        chosen = self._hardest(candidates, batch)
+        chosen = self.hardest(candidates, batch)
         terms = self.task.terms(chosen, batch)
         self._require_finite(terms, chosen, batch)
         loss = confidence_loss(self.task.total(terms), chosen.logit, self.task.weights.confidence)
@@ -70,35 +80,58 @@ class GraspTraining(LightningModule):
             self._means.add(name, values[chosen.positive] if name == "chamfer" else values)
         return loss
 
-    def _measure(self, means: Means, prediction: Prediction, batch: Batch) -> None:
+    def _measure(self, prediction: Prediction, batch: Batch) -> None:
+        means = self._means
         means.add("scenes", batch["scene"])
         means.add("positive_rate", batch["match"].any(-1).float())
         means.add("confidence", prediction.confidence)
-        for name, values in label_errors(prediction, batch, self.task.joint_weight).items():
+        for name, values in label_errors(prediction, batch, self.task.space).items():
             means.add(name, values)
 
-    def _hardest(self, candidates: Candidates, batch: Batch) -> Candidates:
-        config = self.config
-        if config.hard_stages == "finetune" and self.task.stage == "pretrain":
+    def hardest(self, candidates: Candidates, batch: Batch) -> Candidates:
+        """Those of the candidates that are back-propagated."""
+        if not self._selects(candidates):
             return candidates
-        if config.hard_samples == 0 or len(candidates) <= config.hard_samples:
-            return candidates
-        error = self.task.errors(candidates, batch)
-        return candidates.take(
-            hardest(error, candidates.scene, config.hard_samples, config.hard_scope)
-        )
+        return candidates.take(self._pick(self.task.errors(candidates, batch), candidates))
+
+    def _selects(self, candidates: Candidates) -> bool:
+        all_count = self.config.hard_stages == "finetune" and self.task.stage == "pretrain"
+        return not all_count and 0 < self.config.hard_samples < len(candidates)
+
+    def _pick(self, error: Tensor, candidates: Candidates) -> Tensor:
+        if self.config.hard_error == "weighted":
+            error = error * candidates.logit.detach().sigmoid()
+        return hardest(error, candidates.scene, self.config.hard_samples, self.config.hard_scope)
 
     def validation_step(self, batch: Batch, batch_index: int) -> None:
-        prediction = self.net(batch["points"], batch["seed_index"])
-        self._measure(self._validation, prediction, batch)
-        rows = Candidates.of(prediction, batch, self.task.joint_weight)
-        self._validation.add("chamfer", rows.chamfer[rows.positive])
+        """Adds to the means of the epoch; `rank_overlap` is of the first batch alone: it is dear.
+
+        rank_overlap: the share of the predictions that the exact task loss would choose as the
+        hardest which the cheap one chose too.
+        """
+        assert self.validation is not None
+        means, prediction = self._validation_means, self.net(batch["points"], batch["seed_index"])
+        means.add("positive_rate", batch["match"].any(-1).float())
+        means.add("confidence", prediction.confidence)
+        for name, values in self.validation.measure(prediction, batch).items():
+            means.add(name, values)
+        candidates = self.task.candidates(prediction, batch)
+        if len(candidates) == 0:
+            return
+        error = self.task.errors(candidates, batch)
+        told = calibration(error, candidates.logit.sigmoid(), self.task.weights.confidence)
+        for name, values in told.items():
+            means.add(name, values)
+        if batch_index == 0 and self._selects(candidates):
+            cheap = self._pick(error, candidates)
+            exact = self._pick(self.task.exact_errors(candidates, batch), candidates)
+            means.add("rank_overlap", torch.isin(exact, cheap).float())
 
     def on_validation_epoch_start(self) -> None:
-        self._validation = Means()
+        self._validation_means = Means()
 
     def on_validation_epoch_end(self) -> None:
-        self._add_row("val", self._result(self._validation))
+        self._add_row("val", self._result(self._validation_means))
 
     def configure_optimizers(self) -> torch.optim.Optimizer:
         return torch.optim.Adam(self.net.parameters(), lr=self.schedule.learning_rate)
@@ -144,12 +177,19 @@ class GraspTraining(LightningModule):
 
     def _add_row(self, split: str, means: dict[str, float]) -> None:
         head = {"stage": self.task.stage, "epoch": self.current_epoch, "split": split}
-        self.metrics.append(head | means)
+        self.metrics.append(head | means | {"time": round(time.time(), 3)})
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         checkpoint["metrics"] = self.metrics
+        checkpoint["data_digest"] = self.data_digest
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        """Raises DmfcError for a checkpoint of a run on other data."""
+        if checkpoint["data_digest"] != self.data_digest:
+            raise DmfcError(
+                f"the checkpoint of {self.task.stage} was made with other data: remove "
+                f"{self.failure.file.parent} to begin anew"
+            )
         self.metrics = checkpoint["metrics"]
 
     def _require_finite(
@@ -165,15 +205,12 @@ class GraspTraining(LightningModule):
                 self._fail(f"the term '{name}'", batch["scene"][rows].tolist())
 
     def _fail(self, what: str, scenes: list[int]) -> None:
-        weights = {name: value.cpu() for name, value in self.net.state_dict().items()}
-        batch = {name: value.cpu() for name, value in self._batch.items()}
-        self.failure_file.parent.mkdir(parents=True, exist_ok=True)
-        torch.save({"batch": batch, "weights": weights, "what": what}, self.failure_file)
+        self.failure.save(self.task, self.net, self._batch, what)
         listed = ", ".join(str(scene) for scene in scenes[:8])
         raise DmfcError(
             f"{self.task.stage} stopped in epoch {self.current_epoch}: {what} is not finite in "
-            f"scene {listed}; batch and weights are in {self.failure_file} "
-            f"(training.{self.task.stage}.learning_rate, training.max_gradient_norm)"
+            f"scene {listed}; `dmfc train --replay {self.failure.file}` shows "
+            f"its terms (training.{self.task.stage}.learning_rate, training.max_gradient_norm)"
         )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Collection
 from typing import Literal
 
 import torch
@@ -20,6 +21,8 @@ Stage = Literal["pretrain", "finetune"]
 
 RANK_DIRECTIONS: Literal[64] = 64
 """Directions of Q1 that suffice to find the hardest."""
+STAND_IN = {"q1_lower": "q1_upper"}
+"""Terms too dear to be found for every prediction, and the term that ranks in their place."""
 
 
 class Task:
@@ -45,39 +48,48 @@ class Task:
         if not self.names:
             raise DmfcError(f"{stage} has no loss: every one of losses.weights is 0")
         self.of_scene = [name for name in self.names if name != "chamfer"]
-        self.joint_weight = config.joint_weight
+        self.space = config.grasp_space
         self.atlas = atlas
         self._full = SceneTerms(hand, config)
-        self._cheap = self._full
+        self._cheap, self._ranked = self._full, self.of_scene
         if rank_points > 0:
+            self._ranked = [STAND_IN.get(name, name) for name in self.of_scene]
             q1 = dataclasses.replace(config.q1, directions=RANK_DIRECTIONS)
             self._cheap = SceneTerms(hand.thinned(rank_points), dataclasses.replace(config, q1=q1))
 
     def candidates(self, prediction: Prediction, batch: Batch) -> Candidates:
         """The predictions that have a task loss: all, or with chamfer alone those with a label."""
-        rows = Candidates.of(prediction, batch, self.joint_weight)
+        rows = Candidates.of(prediction, batch, self.space)
         return rows if self.of_scene else rows.take(rows.positive)
 
     def terms(self, rows: Candidates, batch: Batch) -> dict[str, Tensor]:
         """Each term `[n]`, not weighted, with gradients."""
-        return self._terms(rows, batch, self._full)
+        return self._terms(rows, batch, self._full, self.of_scene)
 
     @torch.no_grad()
     def errors(self, rows: Candidates, batch: Batch) -> Tensor:
-        """The task loss `[n]` found cheaply: no gradients, fewer points and directions."""
-        return self.total(self._terms(rows, batch, self._cheap))
+        """The task loss `[n]` found cheaply: no gradients, less points and directions, no hull."""
+        terms = self._terms(rows, batch, self._cheap, self._ranked)
+        return self.total({n: terms[n if n in terms else STAND_IN[n]] for n in self.names})
+
+    @torch.no_grad()
+    def exact_errors(self, rows: Candidates, batch: Batch) -> Tensor:
+        """The task loss `[n]` in full, without gradients: what `errors` stands for."""
+        return self.total(self.terms(rows, batch))
 
     def total(self, terms: dict[str, Tensor]) -> Tensor:
-        """task_i = w1 chamfer + w2 collision + w3 guidance + w4 q1_upper, `[n]`."""
+        """task_i = w1 chamfer + w2 collision + w3 guidance + w4 q1_upper + ..., `[n]`."""
         return weighted_sum(terms, self.weights)
 
-    def _terms(self, rows: Candidates, batch: Batch, compute: SceneTerms) -> dict[str, Tensor]:
+    def _terms(
+        self, rows: Candidates, batch: Batch, compute: SceneTerms, of_scene: Collection[str]
+    ) -> dict[str, Tensor]:
         terms = {"chamfer": rows.chamfer} if "chamfer" in self.names else {}
-        if not self.of_scene:
+        if not of_scene:
             return terms
         objects = SceneObjects(self.atlas, batch["object_index"], batch["T_world_object"])
         # in float32 whatever the network's precision: penetrations are millimetres
         with torch.autocast(rows.position.device.type, enabled=False):
             return terms | compute(
-                rows.position, rows.rotation, rows.joints, objects.take(rows.scene), self.of_scene
+                rows.position, rows.rotation, rows.joints, objects.take(rows.scene), of_scene
             )

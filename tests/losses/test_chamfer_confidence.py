@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from dmfc.config.losses import GraspSpace
 from dmfc.losses.chamfer import chamfer, grasp_vector
 from dmfc.losses.confidence import confidence_loss
 
@@ -49,11 +50,12 @@ def test_chamfer_keeps_its_digits_in_float32() -> None:
     assert chamfer(close, labels, match).numpy() == pytest.approx(27e-8, rel=1e-2)
 
 
-def test_grasp_vector_weighs_joints() -> None:
-    first = grasp_vector(random(2, 3), random(2, 6), random(2, 18), joint_weight=0.25)
-    second = grasp_vector(random(2, 3), random(2, 6), random(2, 18) + 2, joint_weight=0.25)
+def test_grasp_vector_weighs_joints_and_takes_positions_in_its_unit() -> None:
+    space = GraspSpace(length_unit=0.1, joint_weight=0.25)
+    first = grasp_vector(random(2, 3), random(2, 6), random(2, 18), space)
+    second = grasp_vector(random(2, 3) + 0.3, random(2, 6), random(2, 18) + 2, space)
     assert first.shape == (2, 27)
-    assert (first - second).square().sum(-1).numpy() == pytest.approx(0.25 * 18 * 4)
+    assert (first - second).square().sum(-1).numpy() == pytest.approx(3 * 3**2 + 0.25 * 18 * 4)
 
 
 def test_confidence_closed_form() -> None:

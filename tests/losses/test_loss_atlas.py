@@ -7,11 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
-from loss_shapes import BALL, ball_distance, box_distance
 
 from dmfc.errors import DmfcError
 from dmfc.geometry.transforms import apply, inverse
 from dmfc.losses.atlas import ObjectAtlas, SceneObjects
+from tests.losses.loss_shapes import BALL, ball_distance, box_distance
 
 
 def points(n: int = 2, count: int = 300) -> torch.Tensor:

@@ -8,12 +8,12 @@ import itertools
 import numpy as np
 import pytest
 import torch
-from loss_shapes import slope
 from scipy.spatial import ConvexHull
 
 from dmfc.config.losses import Q1Config
 from dmfc.losses.atlas import SceneObjects
-from dmfc.losses.q1 import cone_support, lattice_directions, q1_of_contacts, q1_upper
+from dmfc.losses.q1 import _critical, cone_support, lattice_directions, q1_of_contacts, q1_upper
+from tests.losses.loss_shapes import slope
 
 # Torques of 10 cm arms count as forces do: the hull is round enough for qhull.
 ROUND = Q1Config(torque_weight=10.0, directions=728)
@@ -33,7 +33,7 @@ def wrenches(arms, normals, distance, config: Q1Config, edges: int = 8) -> np.nd
     """Edges of one grasp's friction cones, weighted, in the metric M: [contacts * edges, 6]."""
     rows = []
     for p, n, d in zip(arms.numpy(), normals.numpy(), distance.numpy(), strict=True):
-        first = np.cross(n, [1.0, 0, 0] if abs(n[0]) < 0.9 else [0, 1.0, 0])
+        first = np.cross(n, np.eye(3)[np.abs(n).argmin()])
         first /= np.linalg.norm(first)
         second = np.cross(n, first)
         for angle in 2 * np.pi * np.arange(edges) / edges:
@@ -105,6 +105,15 @@ def test_as_in_a_plain_loop(support: str, floor: bool) -> None:
         expected.append(min(best))
     measured = q1_of_contacts(arms, normals, distance, config).numpy()
     assert measured == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_compiled_and_tensor_search_agree(monkeypatch: pytest.MonkeyPatch, dtype) -> None:
+    config = Q1Config(directions=728, floor=False)  # no ties at 0
+    given = [value.to(dtype) for value in contacts(n=8, count=45)]
+    compiled = q1_of_contacts(*given, config)
+    monkeypatch.setattr("dmfc.losses.q1._critical_compiled", _critical)
+    torch.testing.assert_close(compiled, q1_of_contacts(*given, config))
 
 
 def test_grows_with_friction_and_the_published_support_is_lower() -> None:

@@ -5,17 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-from loss_shapes import slope
 
-from dmfc.config.losses import LossConfig, LossWeights, Q1Config
+from dmfc.config.losses import LengthUnits, LossConfig, LossWeights, Q1Config
 from dmfc.errors import DmfcError
 from dmfc.geometry.rotations import matrix_from_6d, random_rotations, sixd_from_matrix
 from dmfc.hand.model import HandModel
 from dmfc.losses.atlas import SceneObjects
 from dmfc.losses.clamp import clamp_joints
 from dmfc.losses.task import SceneTerms, active_terms, weighted_sum
+from tests.losses.loss_shapes import slope
 
-ALL = ("collision", "guidance", "q1_upper")
+ALL = ("collision", "guidance", "q1_upper", "q1_lower")
 
 
 def grasps(hand: HandModel, dtype: torch.dtype = torch.float64):
@@ -60,13 +60,16 @@ def test_float32_agrees(hand: HandModel, scene: SceneObjects) -> None:
         assert single[name].numpy() == pytest.approx(double[name].numpy(), rel=1e-3)
 
 
-def test_length_unit_and_self_collision(hand: HandModel, scene: SceneObjects) -> None:
-    metres = SceneTerms(hand, LossConfig())(*grasps(hand), scene, ALL)
-    millimetres = SceneTerms(hand, LossConfig(length_unit=1e-3))(*grasps(hand), scene, ALL)
-    assert torch.allclose(millimetres["guidance"], 1e6 * metres["guidance"])
-    assert torch.allclose(millimetres["collision"], 1e6 * metres["collision"])
-    assert torch.equal(millimetres["q1_upper"], metres["q1_upper"])
-    without = SceneTerms(hand, LossConfig(self_collision=False))(*grasps(hand), scene, ALL)
+def test_units_and_self_collision(hand: HandModel, scene: SceneObjects) -> None:
+    units = LengthUnits(collision=1.0, guidance=1.0)
+    metres = SceneTerms(hand, LossConfig(units=units))(*grasps(hand), scene, ALL)
+    scaled = LossConfig(units=LengthUnits(collision=1e-3, guidance=0.1))
+    other = SceneTerms(hand, scaled)(*grasps(hand), scene, ALL)
+    assert torch.allclose(other["guidance"], 100 * metres["guidance"])
+    assert torch.allclose(other["collision"], 1e6 * metres["collision"])
+    assert torch.equal(other["q1_upper"], metres["q1_upper"])
+    alone = LossConfig(units=units, self_collision=False)
+    without = SceneTerms(hand, alone)(*grasps(hand), scene, ALL)
     # No self-collision here, so only the number of meshes differs: 3 or 2, and the links.
     meshes = torch.tensor([3.0, 2.0])
     ratio = (meshes + hand.links) / meshes

@@ -13,7 +13,8 @@ import torch
 
 from dmfc.config.network import NetworkConfig
 from dmfc.errors import DmfcError
-from dmfc.geometry.points import farthest_points
+from dmfc.geometry.points import ball_query, farthest_points, take_points
+from dmfc.network.ball_kernels import compact
 from dmfc.network.model import HEIGHT_UNIT_M, DmfcGraspNet, Prediction
 from tests.benchmarks.reference import ReferenceNet
 
@@ -71,6 +72,41 @@ def test_equals_the_reference_with_its_gradients(training):
     torch.testing.assert_close(gradient[..., None, None], reference.down[1][0].weight.grad)
     last = net.joints_head[-1].weight.grad
     torch.testing.assert_close(last[..., None, None], reference.heads[2][-1].weight.grad)
+
+
+@pytest.mark.parametrize("training", [True, False])
+def test_compiled_layers_equal_torch_layers(training, monkeypatch):
+    points = cloud()
+    index = farthest_points(points, 32)
+    nets = [network().train(training), network().train(training)]
+    sides = []
+    for net, compiled in zip(nets, (True, False), strict=True):
+        if not compiled:
+            monkeypatch.setattr("dmfc.network.rows.runs_here", lambda rows: False)
+        with torch.set_grad_enabled(training):
+            sides.append(outputs(net(points, index)))
+    for mine, other in zip(*sides, strict=True):
+        torch.testing.assert_close(mine, other, rtol=1e-9, atol=1e-11)
+    for name, value in nets[0].state_dict().items():
+        torch.testing.assert_close(value, nets[1].state_dict()[name])
+    if training:
+        for side in sides:
+            sum((out * out.detach().cos()).sum() for out in side).backward()
+        for one, other in zip(nets[0].parameters(), nets[1].parameters(), strict=True):
+            torch.testing.assert_close(one.grad, other.grad, rtol=1e-8, atol=1e-10)
+
+
+def test_balls_of_the_tests_are_partly_padded():
+    points = cloud()
+    centres = take_points(points, farthest_points(points, 32))
+    ball = ball_query(points, centres, SMALL.radii[0], SMALL.neighbours[0])
+    source, starts = compact(ball.numpy(), 100)
+    for i, row in enumerate(ball.flatten(0, 1).tolist()):
+        expected = [100 * (i // 32) + j for j in dict.fromkeys(row)]
+        assert source[starts[i] : starts[i + 1]].tolist() == expected
+    counts = starts[1:] - starts[:-1]
+    assert counts.min() < 4
+    assert counts.max() == SMALL.neighbours[0]
 
 
 def test_default_layout_equals_the_reference():

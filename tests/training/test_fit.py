@@ -16,9 +16,12 @@ from safetensors.torch import load_file
 from dmfc.config.losses import LossConfig, LossWeights, Q1Config
 from dmfc.config.training import StageSchedule, TrainingConfig
 from dmfc.errors import DmfcError
-from dmfc.training.fit import FitConfig, fit
+from dmfc.training.failure import read_failure
+from dmfc.training.fit import fit
 from dmfc.training.module import TIMINGS
 from dmfc.training.predict import predict
+from dmfc.training.replay import replay
+from dmfc.training.settings import FitConfig
 from dmfc.training.weights import load_network
 from tests.training.toy import NETWORK, ToyData, toy_atlas, toy_hand, toy_scene
 
@@ -135,6 +138,8 @@ def test_validation_rows(tmp_path):
     measured = [row for row in rows if row["split"] == "val"]
     assert [row["epoch"] for row in measured] == [0, 1, 2, 3]
     assert {"chamfer", "translation_mm", "rotation_deg", "confidence"} <= set(measured[0])
+    assert 0 < measured[-1]["rank_overlap"] <= 1
+    assert abs(measured[-1]["confidence_rank"]) <= 1
 
 
 @pytest.mark.parametrize(
@@ -148,9 +153,34 @@ def test_a_loss_that_is_not_finite_names_term_and_scene(tmp_path, field, stage, 
     with pytest.raises(DmfcError, match=rf"term '{term}' is not finite in scene 105;") as error:
         run(tmp_path, stage, data=ToyData(change=spoil))
     assert "\n" not in str(error.value)
-    saved = torch.load(tmp_path / f"{stage}-work/failure.pt", weights_only=True)
-    assert 105 in saved["batch"]["scene"]
-    assert "joints_head.6.weight" in saved["weights"]
+    file = tmp_path / f"{stage}-work/failure.pt"
+    assert f"--replay {file}" in str(error.value)
+    saved = read_failure(file)
+    terms = {row["term"]: row for row in replay(saved, toy_hand(), toy_atlas())}
+    assert saved["what"] == f"the term '{term}'"
+    assert terms[term]["not_finite"] > 0
+    assert terms[term]["in_scenes"] == "105"
+    assert terms["confidence"]["not_finite"] == 0
+    with pytest.raises(DmfcError, match="'toy' and 2 objects, not of 'other'"):
+        replay(saved, dataclasses.replace(toy_hand(), name="other"), toy_atlas())
+
+
+def test_a_file_that_is_no_saved_batch(tmp_path):
+    for content in (b"no pickle", None):
+        if content is not None:
+            (tmp_path / "file").write_bytes(content)
+        with pytest.raises(DmfcError, match="is no saved batch"):
+            read_failure(tmp_path / ("file" if content is not None else "nothing"))
+    torch.save({"batch": {}}, tmp_path / "file")
+    with pytest.raises(DmfcError, match="this version"):
+        read_failure(tmp_path / "file")
+
+
+def test_a_checkpoint_of_other_data_is_refused(tmp_path):
+    run(tmp_path, config=with_epochs(CONFIG, "pretrain", 1), data_digest="a")
+    assert json.loads((tmp_path / "pretrain/summary.json").read_text())["data_digest"] == "a"
+    with pytest.raises(DmfcError, match="was made with other data"):
+        run(tmp_path, config=with_epochs(CONFIG, "pretrain", 2), data_digest="b")
 
 
 def test_no_label_at_all_is_an_error(tmp_path):
@@ -174,7 +204,7 @@ def test_negatives_can_be_pushed_down(tmp_path):
     for negatives in ("ignore", "push_down"):
         training = dataclasses.replace(base, negatives=negatives)
         config = dataclasses.replace(CONFIG, training=training)
-        config = with_epochs(config, "pretrain", 15, learning_rate=5e-3)
+        config = with_epochs(config, "pretrain", 30, learning_rate=5e-3)
         run(tmp_path / negatives, config=config)
         net = load_network(tmp_path / negatives / "pretrain", toy_hand())
         scene = toy_scene(0)

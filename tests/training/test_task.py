@@ -3,23 +3,29 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
-from dmfc.config.losses import LossConfig, LossWeights, Q1Config
+from dmfc.config.losses import GraspSpace, LossConfig, LossWeights, Q1Config
 from dmfc.config.training import TrainingConfig
 from dmfc.geometry.rotations import matrix_from_6d, sixd_from_matrix
 from dmfc.network.model import Prediction
 from dmfc.training.candidates import Candidates
+from dmfc.training.failure import Failure
 from dmfc.training.measures import label_errors
 from dmfc.training.module import GraspTraining
+from dmfc.training.settings import FitConfig
 from dmfc.training.task import Task
 from dmfc.training.weights import new_network
 from tests.training.toy import NETWORK, toy_atlas, toy_batch, toy_hand
 
 LOSSES = LossConfig(weights=LossWeights(1.0, 10.0, 1.0, 0.5, 1.0), q1=Q1Config(directions=64))
+
+
+NO_FAILURE = Failure(Path(), FitConfig(), "toy")
 
 
 def task(stage="finetune", losses=LOSSES, rank_points=0) -> Task:
@@ -45,7 +51,7 @@ def test_pretraining_is_chamfer_at_labelled_seeds_whatever_the_weights():
 
 def test_chamfer_of_rows_equals_a_loop_over_labels():
     predicted, batch = prediction()
-    rows = Candidates.of(predicted, batch, joint_weight=0.5)
+    rows = Candidates.of(predicted, batch, GraspSpace(length_unit=1.0, joint_weight=0.5))
     for row in range(0, len(rows), 5):
         scene, seed = divmod(row, 32)
         distances = [
@@ -79,16 +85,22 @@ def test_cheap_ranking_picks_most_of_the_same():
     assert len(picked[0] & picked[1]) >= 28
 
 
-def test_the_hardest_alone_get_gradients():
+@pytest.mark.parametrize("ranked_by", ["task", "weighted"])
+def test_the_hardest_alone_get_gradients(ranked_by):
     _, batch = prediction()
-    module = GraspTraining(new_network(NETWORK, toy_hand()), task(), TrainingConfig(), None)
+    training = TrainingConfig(hard_error=ranked_by)
+    module = GraspTraining(new_network(NETWORK, toy_hand()), task(), training, NO_FAILURE)
     predicted = module.net(batch["points"], batch["seed_index"])
     rows = module.task.candidates(predicted, batch)
-    chosen = module._hardest(rows, batch)
-    error = module.task.errors(rows, batch)
+    rows = dataclasses.replace(rows, logit=torch.linspace(-4, 4, len(rows)))
+    chosen = module.hardest(rows, batch)
+
+    def error(of):
+        sure = torch.sigmoid(of.logit) if ranked_by == "weighted" else 1.0
+        return (sure * module.task.errors(of, batch)).tolist()
+
     assert len(chosen) == 64
-    expected = sorted(error.tolist(), reverse=True)[:64]
-    assert module.task.errors(chosen, batch).tolist() == pytest.approx(expected, rel=1e-4)
+    assert error(chosen) == pytest.approx(sorted(error(rows), reverse=True)[:64], rel=1e-4)
 
 
 def test_a_thinned_hand_keeps_points_of_every_link():
@@ -117,7 +129,7 @@ def test_label_errors_are_in_the_units_they_say():
         joints=batch["grasp_joints"][row, label] + 0.02,
         logit=torch.zeros(4, 32),
     )
-    errors = label_errors(shifted, batch, 1.0)
+    errors = label_errors(shifted, batch, GraspSpace())
     assert len(errors["translation_mm"]) == batch["match"].any(-1).sum()
     torch.testing.assert_close(errors["translation_mm"].median().item(), 5.0, rtol=1e-3, atol=0)
     torch.testing.assert_close(errors["rotation_deg"].median().item(), 5.7296, rtol=1e-3, atol=0)

@@ -1,0 +1,57 @@
+"""A batch that made a run stop: saved with all that it takes to compute its losses once more."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from pickle import UnpicklingError
+from typing import Any, cast
+
+import torch
+from omegaconf import OmegaConf
+
+from dmfc.errors import DmfcError
+from dmfc.network.model import DmfcGraspNet
+from dmfc.training.candidates import Batch
+from dmfc.training.settings import FitConfig
+from dmfc.training.task import Task
+
+VERSION = 1
+ENTRIES = {"version", "what", "stage", "hand", "objects", "config", "batch", "weights"}
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Where a failing batch is saved, and the settings that are saved with it."""
+
+    file: Path
+    config: FitConfig
+    hand: str
+
+    def save(self, task: Task, net: DmfcGraspNet, batch: Batch, what: str) -> None:
+        """Write the batch, the weights before the step, and what was not finite."""
+        settings = OmegaConf.to_container(OmegaConf.structured(self.config))
+        self.file.parent.mkdir(parents=True, exist_ok=True)
+        values = {
+            "version": VERSION,
+            "what": what,
+            "stage": task.stage,
+            "hand": self.hand,
+            "objects": task.atlas.ids,
+            "config": json.dumps(settings),
+            "batch": {name: value.cpu() for name, value in batch.items()},
+            "weights": {name: value.cpu() for name, value in net.state_dict().items()},
+        }
+        torch.save(values, self.file)
+
+
+def read_failure(path: Path) -> dict[str, Any]:
+    """What `Failure.save` wrote; nothing in it can run code. Raises DmfcError for another file."""
+    try:
+        found = torch.load(path, weights_only=True, map_location="cpu")
+    except (OSError, EOFError, RuntimeError, UnpicklingError) as error:
+        raise DmfcError(f"{path} is no saved batch: {str(error).splitlines()[0]}") from error
+    if not isinstance(found, dict) or set(found) != ENTRIES or found["version"] != VERSION:
+        raise DmfcError(f"{path} is no batch that this version of dmfc saved")
+    return cast(dict[str, Any], found)
