@@ -1,4 +1,4 @@
-"""The verbs on data: assets, objects, grasps, scenes."""
+"""The verbs on data: assets, objects, grasps."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from dmfc.cli_common import (
     require,
     show_rows,
 )
-from dmfc.errors import DmfcError, unknown_name
+from dmfc.errors import DmfcError
 from dmfc.grasps.library import file_name
 
 if TYPE_CHECKING:
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 assets = typer.Typer(no_args_is_help=True, help="Packs of meshes and hands, pinned and verified.")
 objects = typer.Typer(no_args_is_help=True, help="Objects and their preparation.")
 grasps = typer.Typer(no_args_is_help=True, help="Ground-truth grasps, planned per object.")
-scenes = typer.Typer(no_args_is_help=True, help="Scenes: layouts, point clouds, labels.")
 
 Packs = Annotated[list[str] | None, typer.Argument(help="Names of packs; default: all.")]
 Selectors = Annotated[
@@ -39,7 +38,6 @@ Selectors = Annotated[
         "default: the preset's training and test objects."
     ),
 ]
-Split = Annotated[str, typer.Option("--split", help="train or test.")]
 
 
 @assets.command("list")
@@ -96,7 +94,7 @@ def objects_list(
     session = Session.open(preset, overrides, store)
     config = session.config.objects
     sources = list_objects(selectors or [*config.train, *config.test])
-    stages = {stage.name: stage for stage in _object_stages(session, selectors)}
+    stages = {stage.name: stage for stage in object_stages(session, selectors)}
     rows = [
         {
             "object": source.id,
@@ -121,7 +119,7 @@ def objects_prepare(
     from dmfc.objects.model import ObjectModel
 
     session = Session.open(preset, overrides, store)
-    stages = _object_stages(session, selectors)
+    stages = object_stages(session, selectors)
     require(session.make(stages), stages)
     rows = []
     for stage in stages:
@@ -153,11 +151,13 @@ def grasps_plan(
 ) -> None:
     """Plan grasps for objects and check each in simulation."""
     session = Session.open(preset, overrides, store)
-    stages = _grasp_stages(session, selectors)
+    stages = grasp_stages(session, selectors)
     require(session.make(stages), stages)
     if out is not None:
         _copy_to_library(session, stages, out)
-    _show_grasps(session, stages, as_json)
+    from dmfc.cli_grasp_stats import load_sets, set_rows
+
+    show_rows("grasps", set_rows(session, load_sets(session, stages)), as_json)
 
 
 def _copy_to_library(session: Session, stages: Sequence[Stage], folder: Path) -> None:
@@ -167,125 +167,14 @@ def _copy_to_library(session: Session, stages: Sequence[Stage], folder: Path) ->
         shutil.copyfile(session.ledger.folder(stage.address) / "grasps.parquet", path)
 
 
-@grasps.command("stats")
-def grasps_stats(
-    selectors: Selectors = None,
-    preset: Preset = PRESET,
-    overrides: Overrides = None,
-    store: Store = STORE,
-    as_json: AsJson = False,
-) -> None:
-    """What is in the grasp sets that are there already."""
-    session = Session.open(preset, overrides, store)
-    stages = _grasp_stages(session, selectors)
-    there = [stage for stage in stages if session.ledger.finished(stage.address)]
-    if not there:
-        raise DmfcError(
-            f"none of the {len(stages)} grasp sets is planned yet: run `dmfc grasps plan`"
-        )
-    _show_grasps(session, there, as_json)
-
-
-@scenes.command("make")
-def scenes_make(
-    split: Split = "train",
-    preset: Preset = PRESET,
-    overrides: Overrides = None,
-    store: Store = STORE,
-    as_json: AsJson = False,
-) -> None:
-    """Make the scene set of a split, with all that it needs."""
-    session = Session.open(preset, overrides, store)
-    stages = session.builder.scenes(session.config, _split(split))
-    require(session.make(stages), stages)
-    _show_scenes(session, split, as_json)
-
-
-@scenes.command("stats")
-def scenes_stats(
-    split: Split = "train",
-    preset: Preset = PRESET,
-    overrides: Overrides = None,
-    store: Store = STORE,
-    as_json: AsJson = False,
-) -> None:
-    """Counts, dropped labels and positive rates of a scene set that is there already."""
-    session = Session.open(preset, overrides, store)
-    shards = session.builder.scenes(session.config, _split(split))
-    missing = [shard for shard in shards if not session.ledger.finished(shard.address)]
-    if missing:
-        raise DmfcError(
-            f"{len(missing)} of {len(shards)} shards of the {split} set are not made yet: "
-            f"run `dmfc scenes make --split {split}`"
-        )
-    _show_scenes(session, split, as_json)
-
-
-def _split(name: str) -> str:
-    if name not in ("train", "test"):
-        raise unknown_name("split", name, ("train", "test"))
-    return name
-
-
-def _object_stages(session: Session, selectors: list[str] | None) -> list[Stage]:
+def object_stages(session: Session, selectors: list[str] | None) -> list[Stage]:
     if selectors:
         return list(session.builder.selected_objects(session.config, selectors))
     config = session.config
     return [s for split in ("train", "test") for s in session.builder.objects(config, split)]
 
 
-def _grasp_stages(session: Session, selectors: list[str] | None) -> list[Stage]:
+def grasp_stages(session: Session, selectors: list[str] | None) -> list[Stage]:
     return [
-        session.builder.grasps_of(session.config, obj) for obj in _object_stages(session, selectors)
+        session.builder.grasps_of(session.config, obj) for obj in object_stages(session, selectors)
     ]
-
-
-def _show_grasps(session: Session, stages: list[Stage], as_json: bool) -> None:
-    import numpy as np
-
-    from dmfc.grasps.grasp_set import GraspSet
-
-    rows = []
-    for stage in stages:
-        found = GraspSet.load(session.ledger.folder(stage.address) / "grasps.parquet")
-        rows.append(
-            {
-                "object": found.object_id,
-                "grasps": len(found),
-                "q1_median": float(np.median(found.q1)) if len(found) else None,
-                "penetration_mm": float(found.penetration.mean() * 1e3) if len(found) else None,
-                "contacts_mean": float(found.contacts.mean()) if len(found) else None,
-                "seconds": session.ledger.record(stage.address)["seconds"],
-                **found.notes,
-            }
-        )
-    columns = list(dict.fromkeys(name for row in rows for name in row))
-    show_rows("grasps", [{name: row.get(name) for name in columns} for row in rows], as_json)
-
-
-def _show_scenes(session: Session, split: str, as_json: bool) -> None:
-    from dmfc.grasps.grasp_set import GraspSet
-    from dmfc.hand.model import HandModel
-    from dmfc.scenes.scene_set import SceneSet
-    from dmfc.scenes.stats import scene_stats, stats_rows
-
-    config, builder = session.config, session.builder
-
-    def folder(stage: Stage) -> Path:
-        return session.ledger.folder(stage.address)
-
-    shards = builder.scenes(config, split)
-    hand = HandModel.load(folder(builder.hand(config)) / "hand.npz")
-    sets = [GraspSet.load(folder(s) / "grasps.parquet") for s in builder.grasps(config, split)]
-    stats = scene_stats(
-        SceneSet.open([folder(shard) / "scenes.parquet" for shard in shards]),
-        {found.object_id: found for found in sets},
-        hand.palm_reference,
-        config.matching,
-    )
-    if as_json:
-        from dmfc.cli_common import answer
-
-        answer(stats)
-    else:
-        show_rows(f"{split} scenes", stats_rows(stats), as_json=False)

@@ -15,15 +15,12 @@ class GraspsConfig:
     )
     per_object: int = setting(100, "verified grasps wanted per object")
     max_checks: int = setting(2000, "checks in MuJoCo per object before the planner gives up")
-    batch: int = setting(256, "candidates proposed at a time")
-    max_batches: int = setting(400, "batches proposed per object before the planner gives up")
-    keep: float = setting(0.1, "share of a batch, the best by Q1, that is checked in MuJoCo")
-    surplus: float = setting(1.2, "grasps found per grasp kept; those kept are spread apart")
+    batch: int = setting(1024, "candidates proposed at a time")
+    max_batches: int = setting(100, "batches proposed per object before the planner gives up")
+    keep: float = setting(0.12, "share of a batch, the best by Q1, that is checked in MuJoCo")
+    surplus: float = setting(1.1, "grasps found per grasp kept; those kept are spread apart")
     seed: int = setting(0, "seed of the planner")
 
-    proposal_points: int = setting(
-        400, "points of the hand's surface by which most proposals are dropped; then all count"
-    )
     table_share: float = setting(
         1.0, "share of candidates that leave room for a table under a stable pose of the object"
     )
@@ -44,16 +41,22 @@ class GraspsConfig:
     close_range: float = setting(1.8, "farthest closing of a finger, rad of its first joint")
     close_steps: int = setting(24, "steps of the closing")
 
-    close_time: float = setting(0.4, "s, fingers close")
+    seat_gap: list[float] = setting([0.005, 0.05], "palm to target before a fist closes, metres")
+    seat_flexion: float = setting(1.2, "rad that a fist closes around the object, left free")
+    seat_time: float = setting(0.35, "s, to close it")
+
+    timestep: float = setting(0.003, "s, of the checks; longer than physics.timestep, to save time")
+    close_time: float = setting(0.3, "s, fingers close")
     settle_time: float = setting(0.15, "s, released, without gravity")
-    gravity_time: float = setting(0.3, "s in each of the six directions")
+    gravity_time: float = setting(0.15, "s in each of the six directions")
     lift_height: float = setting(0.08, "metres, lift from the table in the stable pose")
-    lift_time: float = setting(0.4, "s")
-    lift_hold: float = setting(0.2, "s at that height")
-    max_slip: float = setting(0.03, "metres that the object may move in the hand")
-    max_turn: float = setting(0.7, "rad that the object may turn in the hand")
+    lift_time: float = setting(0.3, "s")
+    lift_hold: float = setting(0.15, "s at that height")
+    max_slip: float = setting(0.03, "metres that the object may move in the hand once released")
+    max_gravity_slip: float = setting(0.015, "metres that each direction of gravity may move it")
+    max_turn: float = setting(0.7, "rad that the object may turn in the hand at each of these")
     max_penetration: float = setting(0.004, "metres; a label that presses deeper is dropped")
-    repeats: int = setting(0, "perturbed repeats of the check, for the robustness score")
+    repeats: int = setting(2, "perturbed lifts per grasp kept, for the robustness score")
     repeat_shift: float = setting(0.003, "metres, spread of the palm in a repeat")
     repeat_turn: float = setting(0.05, "rad, spread of the joints in a repeat")
     palm_reach: float = setting(

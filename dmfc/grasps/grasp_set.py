@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 import pyarrow as pa
@@ -104,7 +105,7 @@ class GraspSet:
         )
 
     @classmethod
-    def load(cls, path: Path) -> GraspSet:
+    def load(cls, path: Path | BinaryIO) -> GraspSet:
         """Read a file that `save` wrote. Raises DmfcError if it is missing or something else."""
         try:
             table = pq.read_table(path)

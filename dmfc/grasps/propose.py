@@ -12,6 +12,8 @@ import numpy as np
 import torch
 
 from dmfc.config.grasps import GraspsConfig
+from dmfc.geometry.transforms import transform
+from dmfc.grasps import hand_kernel
 from dmfc.hand.description import HandDescription
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.model import HandModel
@@ -38,7 +40,12 @@ class Candidates:
     def __len__(self) -> int:
         return len(self.position)
 
-    def __getitem__(self, rows: np.ndarray) -> Candidates:
+    @property
+    def T_object_palm(self) -> np.ndarray:
+        """[B, 4, 4]."""
+        return transform(self.rotation, self.position)
+
+    def __getitem__(self, rows: np.ndarray | slice) -> Candidates:
         return Candidates(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
 
 
@@ -54,31 +61,51 @@ class Proposer:
     ) -> None:
         self.description = description
         self.model, self.hand, self.config = model, hand, config
-        self._thin = _Points(hand.thinned(config.proposal_points))
-        self._all = _Points(hand)
         self.finger_of_dof, self.finger_of_link = fingers(hand)
+        self._hand = hand_kernel.hand_arrays(hand, self.finger_of_link)
+        self._grid = hand_kernel.grid_arrays(model.sdf)
+        self._axis = _finger_axis(hand)
 
     def draw(self, count: int, generator: np.random.Generator) -> Candidates:
         """At most `count` candidates: those that fit and that at least two fingers close on."""
         pose = self._stable_poses(count, generator)
-        support = self._supports(pose)
-        position, rotation = self._palms(support, generator)
+        position, rotation = self._palms(self._supports(pose), generator)
         preshape = self._preshapes(count, generator)
-        position, free = self._back_off(position, rotation, preshape, support)
-        found = Candidates(
-            position[free],
-            rotation[free],
-            preshape[free],
-            preshape[free],
-            np.zeros((int(free.sum()), self.finger_of_dof.max() + 1), dtype=bool),
-            pose[free],
+        config = self.config
+        steps = np.arange(0.0, config.back_off + 1e-9, config.back_off_step)
+        found = self._back_off(position, rotation, preshape, pose, steps)
+        found = self._close(found)
+        found = found[found.touching.sum(axis=1) >= 2]
+        return found[
+            self.reachable(found.position, found.rotation, found.joints, found.stable_pose)
+        ]
+
+    def draw_open(self, count: int, generator: np.random.Generator) -> Candidates:
+        """At most `count` open hands that look straight at a surface point, at any roll.
+
+        Those that are free of the object and of which at least two fingers would close on it. They
+        are not centred and not backed off: a thumb that is beside the object gets around it.
+        """
+        model, hand = self.model, self.hand
+        rows = generator.integers(len(model.surface_points), size=count)
+        approach = -model.surface_normals[rows].astype(np.float64)
+        fingers_to = np.cross(approach, generator.normal(size=(count, 3)))
+        fingers_to /= np.linalg.norm(fingers_to, axis=1, keepdims=True)
+        rotation = _frames(approach, fingers_to) @ _frames(hand.palm_normal, self._axis).T
+        at = (
+            model.surface_points[rows] - _between(self.config.seat_gap, count, generator) * approach
         )
-        # A few points find the candidates; where exactly the fingers of those touch takes all.
-        for points in (self._thin, self._all):
-            found = self._close(found, points)
-            found = found[found.touching.sum(axis=1) >= 2]
-            found = found[self._reachable(found, points)]
-        return found
+        position = at - rotation @ hand.palm_reference
+        opened = np.repeat(hand.open_joints[None].astype(np.float64), count, axis=0)
+        anywhere = np.full(count, -1)
+        found = self._close(self._back_off(position, rotation, opened, anywhere, np.zeros(1)))
+        return found[found.touching.sum(axis=1) >= 2]
+
+    def reached(self, T_object_palm: np.ndarray, joints: np.ndarray) -> np.ndarray:
+        """The stable poses of the object in which the hand [4, 4], [D] is `reachable`."""
+        poses = np.arange(len(self.model.stable_heights))
+        palm, joints = (np.repeat(a[None], len(poses), axis=0) for a in (T_object_palm, joints))
+        return poses[self.reachable(palm[:, :3, 3], palm[:, :3, :3], joints, poses)]
 
     def _stable_poses(self, count: int, generator: np.random.Generator) -> np.ndarray:
         """[count] poses of the object, by their probability, or -1 for a share without a table."""
@@ -106,7 +133,7 @@ class Proposer:
         approach = -self.model.surface_normals[rows].astype(np.float64) + tilt
         approach /= np.linalg.norm(approach, axis=1, keepdims=True)
         fingers_to, middle = self._straddle(target, approach, generator)
-        axis = self._finger_axis()
+        axis = self._axis
         rotation = _frames(approach, fingers_to) @ _frames(hand.palm_normal, axis).T
         # What is held lies somewhere between the palm's centre and the roots of the fingers.
         ahead = _between(config.palm_shift, count, generator) * axis
@@ -127,20 +154,18 @@ class Proposer:
         config, count = self.config, len(target)
         rolls = np.cross(approach, generator.normal(size=(config.rolls, count, 3)))
         rolls /= np.linalg.norm(rolls, axis=2, keepdims=True)
-        sample = generator.choice(len(self.model.surface_points), size=512)
-        ahead = self.model.surface_points[sample].astype(np.float64) - target[:, None]
-        depth = np.einsum("bsi,bi->bs", ahead, approach)
-        along = np.einsum("bsi,kbi->kbs", ahead, rolls)
-        aside = np.einsum("bsi,kbi->kbs", ahead, np.cross(approach, rolls))
-        reached = (np.abs(aside) < 0.02) & (depth > -0.01) & (depth < config.finger_reach)
-        low = np.where(reached, along, np.inf).min(axis=2)
-        high = np.where(reached, along, -np.inf).max(axis=2)
-        width = np.where(reached.any(axis=2), high - low, np.inf)
+        sample = generator.choice(len(self.model.surface_points), size=256)
+        points = self.model.surface_points[sample].astype(np.float64)
+        low, high = hand_kernel.widths(points, target, approach, rolls, config.finger_reach, 0.02)
+        met = high >= low
+        width = np.subtract(high, low, out=np.full_like(low, np.inf), where=met)
         best = np.argmin(width, axis=0)
-        best[generator.uniform(size=count) >= config.straddle_share] = 0
+        as_it_falls = generator.uniform(size=count) >= config.straddle_share
+        best[as_it_falls] = 0
         row = np.arange(count)
-        middle = 0.5 * (low + high)[best, row]
-        middle[(best == 0) | ~np.isfinite(middle)] = 0.0
+        centred = ~as_it_falls & np.isfinite(width[best, row])
+        middle = np.zeros(count)
+        middle[centred] = 0.5 * (low[best, row][centred] + high[best, row][centred])
         return rolls[best, row], middle[:, None]
 
     def _targets(self, support: np.ndarray, generator: np.random.Generator) -> np.ndarray:
@@ -150,34 +175,35 @@ class Proposer:
         down = np.einsum("kbi,bi->kb", normals[rows], support[:, :3]) < -0.3
         return rows[np.argmin(down, axis=0), np.arange(len(support))]
 
-    def _reachable(self, closed: Candidates, points: _Points) -> np.ndarray:
+    def reachable(
+        self,
+        position: np.ndarray,
+        rotation: np.ndarray,
+        joints: np.ndarray,
+        stable_pose: np.ndarray,
+    ) -> np.ndarray:
         """[B] whether the hand keeps off the table, and gets there open without hitting the object.
 
         The way there is along the palm normal, from as far as the trials of execution come.
+        Palms [B, 3] and [B, 3, 3], joints [B, D], stable poses [B] (-1: no table).
         """
-        if not len(closed):
-            return np.zeros(0, dtype=bool)
-        support = self._supports(closed.stable_pose)
-        opened = points.at(closed.position, closed.rotation, self.hand.opened(closed.joints))
-        at_grasp = points.at(closed.position, closed.rotation, closed.joints)
-        heights = np.minimum(_heights(opened, support), _heights(at_grasp, support))
-        rows = np.flatnonzero(heights.min(axis=1) > 0.0)
-        back = -np.einsum("bij,j->bi", closed.rotation, self.hand.palm_normal)
-        for distance in np.linspace(0.0, self.config.approach, self.config.approach_steps):
-            if not len(rows):
-                break
-            moved = opened[rows] + distance * back[rows, None]
-            rows = rows[self.model.sdf.distance(moved).max(axis=1) < self.config.approach_depth]
-        return np.isin(np.arange(len(closed)), rows)
+        config = self.config
+        return hand_kernel.reachable(
+            self._hand,
+            self._grid,
+            rotation,
+            position,
+            self.hand.opened(joints),
+            joints,
+            self._back(rotation),
+            self._supports(stable_pose),
+            np.linspace(0.0, config.approach, config.approach_steps),
+            config.approach_depth,
+        )
 
-    def _finger_axis(self) -> np.ndarray:
-        """[3] the direction from the palm's centre to the finger tips of the straight hand."""
-        hand = self.hand
-        T = self._all.kinematics.forward(torch.zeros(1, hand.dofs))[0].numpy()
-        tips = T[:, :3, 3] - hand.palm_reference
-        axis = tips[np.argmax(np.linalg.norm(tips, axis=1))]
-        axis = axis - (axis @ hand.palm_normal) * hand.palm_normal
-        return axis / np.linalg.norm(axis)
+    def _back(self, rotation: np.ndarray) -> np.ndarray:
+        """[B, 3] away from the object along the palm normal."""
+        return -np.einsum("bij,j->bi", rotation, self.hand.palm_normal)
 
     def _preshapes(self, count: int, generator: np.random.Generator) -> np.ndarray:
         """Open hands drawn from the description's ranges.
@@ -198,74 +224,66 @@ class Proposer:
         position: np.ndarray,
         rotation: np.ndarray,
         preshape: np.ndarray,
-        support: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Move each hand back along its palm normal until it is free; also [B] whether it is."""
-        steps = np.arange(0.0, self.config.back_off + 1e-9, self.config.back_off_step)
-        at = self._thin.at(position, rotation, preshape)
-        back = -np.einsum("bij,j->bi", rotation, self.hand.palm_normal)
-        free = np.zeros(len(position), dtype=bool)
-        shift = np.zeros(len(position))
-        for step in steps:
-            todo = np.flatnonzero(~free)
-            moved = at[todo] + step * back[todo, None]
-            is_above = _heights(moved, support[todo]).min(axis=1) > 0.0
-            todo, moved = todo[is_above], moved[is_above]
-            now = todo[self.model.sdf.distance(moved).max(axis=1) < -self.config.clearance]
-            free[now], shift[now] = True, step
-        return position + shift[:, None] * back, free
+        pose: np.ndarray,
+        steps: np.ndarray,
+    ) -> Candidates:
+        """Each hand at the first of the steps back along its palm normal, metres, where it is free.
 
-    def _close(self, candidates: Candidates, points: _Points) -> Candidates:
+        Those that are free at none go.
+        """
+        config, back = self.config, self._back(rotation)
+        shift = hand_kernel.back_off(
+            self._hand,
+            self._grid,
+            rotation,
+            position,
+            preshape,
+            back,
+            self._supports(pose),
+            steps,
+            config.clearance,
+        )
+        free = np.isfinite(shift)
+        return Candidates(
+            (position + shift[:, None] * back)[free],
+            rotation[free],
+            preshape[free],
+            preshape[free],
+            np.zeros((int(free.sum()), self.finger_of_dof.max() + 1), dtype=bool),
+            pose[free],
+        )
+
+    def _close(self, candidates: Candidates) -> Candidates:
         """Close every finger from the pre-shape until it touches.
 
         A finger that never touches stays as it was.
         """
-        config, hand = self.config, self.hand
-        position, rotation, preshape = (
-            candidates.position,
+        config, hand, preshape = self.config, self.hand, candidates.preshape
+        touching = np.zeros_like(candidates.touching)
+        closed = np.zeros(touching.shape)
+        hand_kernel.close(
+            self._hand,
+            self._grid,
             candidates.rotation,
-            candidates.preshape,
+            candidates.position,
+            preshape,
+            config.close_range / config.close_steps,
+            config.close_steps,
+            closed,
+            touching,
         )
-        finger = self.finger_of_link[points.hand.collision_link]
-        members = [np.flatnonzero(finger == f) for f in range(self.finger_of_dof.max() + 1)]
-        touching = np.zeros((len(position), len(members)), dtype=bool)
-        closed = np.zeros((len(position), len(members)))
-        before = np.full((len(position), len(members)), -np.inf)
-        step = config.close_range / config.close_steps
-        rows = np.arange(len(position))
-        for fraction in step * np.arange(config.close_steps + 1):
-            if not len(rows):
-                break
-            joints = np.clip(preshape[rows] + fraction * hand.flexion, hand.lower, hand.upper)
-            distance = self.model.sdf.distance(points.at(position[rows], rotation[rows], joints))
-            for f, own in enumerate(members):
-                depth = distance[:, own].max(axis=1)
-                hit = (depth > 0.0) & ~touching[rows, f]
-                # Where the distance, linear between two steps, crosses zero.
-                last = before[rows[hit], f]
-                share = np.where(np.isfinite(last), depth[hit] / (depth[hit] - last), 0.0)
-                closed[rows[hit], f] = fraction - step * share
-                touching[rows[hit], f] = True
-                before[rows, f] = depth
-            rows = rows[~touching[rows].all(axis=1)]
         amount = np.where(self.finger_of_dof >= 0, closed[:, self.finger_of_dof], 0.0)
         joints = np.clip(preshape + amount * hand.flexion, hand.lower, hand.upper)
         return replace(candidates, joints=joints, touching=touching)
 
 
-class _Points:
-    """Points on a hand, placed for a batch of poses."""
-
-    def __init__(self, hand: HandModel) -> None:
-        self.hand, self.kinematics = hand, HandKinematics(hand)
-
-    def at(self, position: np.ndarray, rotation: np.ndarray, joints: np.ndarray) -> np.ndarray:
-        """[B, p, 3] in the frame of the poses [B, 3], [B, 3, 3]; joints [B, D]."""
-        T = torch.eye(4).repeat(len(position), 1, 1)
-        T[:, :3, :3] = torch.as_tensor(rotation)
-        T[:, :3, 3] = torch.as_tensor(position)
-        angles = torch.as_tensor(joints, dtype=torch.float32)
-        return self.kinematics.collision_points(T, angles).numpy()
+def _finger_axis(hand: HandModel) -> np.ndarray:
+    """[3] the direction from the palm's centre to the finger tips of the straight hand."""
+    T = HandKinematics(hand).forward(torch.zeros(1, hand.dofs))[0].numpy()
+    tips = T[:, :3, 3] - hand.palm_reference
+    axis = tips[np.argmax(np.linalg.norm(tips, axis=1))]
+    axis = axis - (axis @ hand.palm_normal) * hand.palm_normal
+    return axis / np.linalg.norm(axis)
 
 
 def _between(limits: list[float], count: int, generator: np.random.Generator) -> np.ndarray:
@@ -277,11 +295,6 @@ def _between(limits: list[float], count: int, generator: np.random.Generator) ->
 def _frames(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """[..., 3] x 2, orthonormal -> [..., 3, 3] with the columns first, second, first x second."""
     return np.stack([first, second, np.cross(first, second)], axis=-1)
-
-
-def _heights(points: np.ndarray, support: np.ndarray) -> np.ndarray:
-    """Heights [B, p] of points [B, p, 3] above planes [B, 4]."""
-    return np.einsum("bpi,bi->bp", points, support[:, :3]) + support[:, 3:]
 
 
 def fingers(hand: HandModel) -> tuple[np.ndarray, np.ndarray]:

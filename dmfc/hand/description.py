@@ -43,6 +43,8 @@ class HandDescription:
     """Joint without a degree of freedom -> the one that drives it."""
     flexion: dict[str, float] = field(default_factory=dict)
     """Joint that closes the hand -> sign of closing times its share of the closing motion."""
+    max_torque: float = 0.0
+    """N m of an actuator to which the MJCF sets no limit; 0: it has none."""
     palm_reference: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Centre of the palm's inner surface, palm frame, metres."""
     palm_normal: tuple[float, float, float] = (0.0, 0.0, 1.0)

@@ -1,6 +1,7 @@
 """The hand in MuJoCo: its MJCF cut at the palm, with the couplings of the description.
 
-Gravity, masses, actuator limits and contact geometry stay those of the file.
+Gravity, masses, actuator limits and contact geometry stay those of the file; `max_torque` of the
+description limits actuators that it leaves without.
 """
 
 from __future__ import annotations
@@ -48,10 +49,15 @@ def hand_spec(description: HandDescription) -> mujoco.MjSpec:
     for joint in list(palm.joints):
         source.delete(joint)
     spec = mujoco.MjSpec()
-    spec.option.impratio = source.option.impratio
+    for option in ("impratio", "integrator", "cone"):  # MuJoCo warns where they differ
+        setattr(spec.option, option, getattr(source.option, option))
     root = spec.worldbody.add_frame().attach_body(palm, PREFIX, "")
     root.pos, root.quat = [0, 0, 0], [1, 0, 0, 0]
     _couple(spec, description)
+    for actuator in spec.actuators:
+        if description.max_torque > 0 and not np.any(actuator.forcerange):
+            actuator.forcerange = [-description.max_torque, description.max_torque]
+            actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
     return spec
 
 

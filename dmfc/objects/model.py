@@ -9,6 +9,7 @@ import json
 import os
 import zipfile
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,8 @@ from dmfc.errors import DmfcError
 from dmfc.geometry.grid import Grid
 
 VERSION = 1
+MAX_DROP = 0.001
+"""Metres that an object may fall when a simulation begins."""
 SDF_QUANTUM = 1e-5
 """Metres; the file keeps signed distances as int16 multiples of it (five microns of error)."""
 
@@ -60,6 +63,25 @@ class ObjectModel:
     """Of the repaired mesh's vertices and faces."""
     notes: list[str]
     """What the preparation had to mend or assume, for people."""
+
+    @cached_property
+    def hull_vertices(self) -> np.ndarray:
+        """[h, 3] those of `vertices` that lie on the convex hull: enough for bounds in any pose."""
+        from scipy.spatial import ConvexHull
+
+        return np.asarray(self.vertices[ConvexHull(self.vertices).vertices])
+
+    @cached_property
+    def rest_heights(self) -> np.ndarray:
+        """[k] z of the object's origin when it is put down in a stable pose.
+
+        `stable_heights`, by which the mesh stands on the table; but where the convex parts, on
+        which a simulator rests it, would hang more than `MAX_DROP` above it, it is put lower.
+        """
+        support = np.concatenate(self.convex_parts)
+        lowest = (support @ self.stable_rotations[:, 2].T).min(0)
+        drop = lowest + self.stable_heights
+        return self.stable_heights - np.maximum(0.0, drop - MAX_DROP)
 
     @property
     def extents(self) -> np.ndarray:

@@ -20,7 +20,7 @@ from dmfc.objects.model import ObjectModel
 from tests.physics.physics_shapes import ball, block
 
 CONFIG = GraspsConfig(
-    per_object=6, max_checks=60, batch=128, keep=0.25, proposal_points=2000, approach_steps=3
+    per_object=6, max_checks=120, batch=128, keep=0.25, approach_steps=3, repeats=0
 )
 BLOCK_SIZE = np.array([0.05, 0.06, 0.12])
 BALL_RADIUS = 0.033

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 
+import mujoco
 import numpy as np
 import pytest
 
 from dmfc.config.physics import PhysicsConfig
-from dmfc.grasps.check import check, lifts
+from dmfc.grasps.check import check, checking_world, lifts, seat
 from dmfc.hand.description import HandDescription
 from dmfc.hand.model import HandModel
 from dmfc.physics.world import World
@@ -20,7 +21,7 @@ def world_of(
     description: HandDescription, name: str, physics: PhysicsConfig, mass: float = 0.0
 ) -> World:
     model = heavy(shape(name), mass) if mass else shape(name)
-    return World(description, [model], physics, table_size=2.0, can_hold=True)
+    return checking_world(description, model, physics, CONFIG)
 
 
 def standing(name: str) -> np.ndarray:
@@ -89,3 +90,30 @@ def test_a_label_that_presses_too_deep_is_dropped(
     loose = check(world, hand, T, joints, CONFIG)
     assert loose.held
     assert check(world, hand, T, joints, strict) == dataclasses.replace(loose, held=False)
+
+
+def test_a_fist_pulls_a_free_object_to_its_seat(
+    hand: HandModel, description: HandDescription
+) -> None:
+    """Off the middle by a centimetre, at rest it touches, and the hand is where it was told."""
+    world, grasps = world_of(description, "ball", PhysicsConfig()), planned("ball")
+    start = pose(y=0.01) @ grasps.T_object_palm[0]
+    seated = seat(world, hand, start, hand.open_joints, CONFIG)
+    assert seated is not None
+    T, joints = seated
+    assert np.linalg.norm((T - start)[:3, 3]) > 0.001
+    assert ((hand.lower <= joints) & (joints <= hand.upper)).all()
+    world.reset()
+    world.place_object(0, pose(z=3.0))
+    world.place_palm(pose(z=3.0) @ T, joints)
+    mujoco.mj_forward(world.model, world.data)
+    owners, _ = world.contacts()
+    assert (owners.max(axis=1) == 0).sum() >= 2
+
+
+def test_a_fist_beside_the_object_seats_nothing(
+    hand: HandModel, description: HandDescription
+) -> None:
+    world, grasps = world_of(description, "ball", PhysicsConfig()), planned("ball")
+    away = pose(x=0.5) @ grasps.T_object_palm[0]
+    assert seat(world, hand, away, hand.open_joints, CONFIG) is None

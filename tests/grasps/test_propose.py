@@ -13,7 +13,7 @@ from dmfc.grasps.propose import Candidates, Proposer, fingers
 from dmfc.hand.description import HandDescription
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.model import HandModel
-from tests.grasps.grasp_shapes import BLOCK_SIZE, CONFIG, depth_in_block, shape
+from tests.grasps.grasp_shapes import BALL_RADIUS, BLOCK_SIZE, CONFIG, depth_in_block, shape
 from tests.scenes.scene_shapes import paddle
 
 BOTTOM = -BLOCK_SIZE[2] / 2
@@ -116,6 +116,23 @@ def test_a_hand_that_fits_nowhere_gives_no_candidates(
     assert drawn.joints.shape == (0, 18)
     assert drawn.touching.shape == (0, 5)
     assert drawn.stable_pose.shape == (0,)
+
+
+def test_the_hand_is_centred_on_the_width_that_it_straddles(
+    hand: HandModel, description: HandDescription
+) -> None:
+    """Aimed e beside the centre of a ball, the middle of its width is -e.r along each roll r."""
+    config = dataclasses.replace(CONFIG, rolls=1, straddle_share=1.0)
+    proposer = Proposer(shape("ball"), hand, description, config)
+    aside = np.zeros((40, 3))
+    aside[:, 1] = np.linspace(-0.015, 0.015, 40)
+    target = np.array([BALL_RADIUS, 0.0, 0.0]) + aside
+    approach = np.tile([-1.0, 0.0, 0.0], (40, 1))
+    rolls, middle = proposer._straddle(target, approach, np.random.default_rng(0))
+    assert middle[:, 0] == pytest.approx(-np.einsum("bi,bi->b", aside, rolls), abs=0.005)
+    falls = dataclasses.replace(config, straddle_share=0.0)
+    left = Proposer(shape("ball"), hand, description, falls)
+    assert not left._straddle(target, approach, np.random.default_rng(0))[1].any()
 
 
 def test_fingers_are_what_hangs_on_the_palm(hand: HandModel) -> None:

@@ -128,6 +128,16 @@ def test_couplings_become_equalities(tmp_path: Path) -> None:
     assert far == pytest.approx(0.5 * near, abs=5e-3)
 
 
+def test_an_actuator_without_a_limit_gets_that_of_the_description(tmp_path: Path) -> None:
+    assert not use(tmp_path).actuator_forcelimited.any()
+    model = use(tmp_path, yaml=YAML + "max_torque: 0.5\n")
+    assert model.actuator_forcerange.tolist() == [[-0.5, 0.5]]
+    assert model.actuator_forcelimited.all()
+    own = MJCF.replace('joint="j1"/>', 'joint="j1" forcerange="-2 3"/>')
+    model = use(tmp_path, yaml=YAML + "max_torque: 0.5\n", mjcf=own)
+    assert model.actuator_forcerange.tolist() == [[-2, 3]]
+
+
 def test_a_command_is_the_angle_or_the_length_of_the_tendon(tmp_path: Path) -> None:
     use(tmp_path)
     description = load_description(str(tmp_path / "small.yaml"))

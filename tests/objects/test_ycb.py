@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import pytest
-from test_prepare import band_error
 
 from dmfc.config.objects import PrepareConfig
 from dmfc.objects.prepare import prepare
 from dmfc.objects.sources import YCB_TEST, find_object
+from tests.objects.test_prepare import band_error
 
 
 @pytest.mark.full
