@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, Literal
 
 from dmfc.config.setting import setting
 
 
 @dataclass(frozen=True)
 class ExecutionConfig:
+    protocol: str = setting(
+        "paper", "settings that hold in execution alone: paper, dexgraspbench, or a YAML file"
+    )
+    changes: dict[str, Any] = setting(
+        {}, "the same, key by key, over the protocol: {physics.hand_friction: 0.7}"
+    )
     grasps_per_scene: int = setting(4, "K")
     min_confidence: float = setting(0.15, "predictions below this are dropped")
     seed: int = setting(0, "seed of the random row")
@@ -23,7 +30,13 @@ class ExecutionConfig:
     )
     grasp_tolerance: float = setting(0.01, "penetration of the closed hand and its target, metres")
 
+    start: Literal["rest", "pregrasp"] = setting(
+        "rest", "the hand comes from its resting pose, or begins at the pre-grasp"
+    )
     rest_height: float = setting(0.4, "height of the palm in its resting pose, metres")
+    min_rise: float = setting(
+        0.1, "least height of the lift, for a grasp near or above the resting height, metres"
+    )
     settle_time: float = setting(0.2, "s, the scene comes to rest before the hand moves")
     raise_time: float = setting(0.3, "s, resting pose to the pose above the pre-grasp")
     descend_time: float = setting(0.4, "s, down to the pre-grasp")
@@ -35,5 +48,12 @@ class ExecutionConfig:
 
     knock_distance: float = setting(0.08, "object moved farther before the lift: knocked away, m")
     lift_fraction: float = setting(0.5, "share of the lift that the object must have come along")
+    max_slip: float = setting(
+        0.0, "farthest that the object may have moved in the hand since the lift began, m; 0: any"
+    )
+    max_turn: float = setting(0.0, "the same for how far it turned, rad; 0: any")
     palm_distance: float = setting(0.2, "object's centre farther from the palm: not held, metres")
     lost_time: float = setting(0.2, "s without contact after which a lifted object is lost")
+    blow_up_speed: float = setting(
+        10.0, "m/s; an object with more kinetic energy per mass than at this speed: diverged"
+    )

@@ -25,3 +25,9 @@ class PhysicsConfig:
     contact_time: float = setting(
         0.005, "s, time constant of contacts of objects and table (MuJoCo's solref)"
     )
+    hand_weight: bool = setting(True, "gravity acts on the hand too; on objects it always does")
+    object_mass: float = setting(0.0, "kg of every object; 0: each its own")
+    actuator_gain: float = setting(
+        0.0, "N m/rad of every finger actuator; 0: the MJCF's times gain_scale"
+    )
+    actuator_limit: float = setting(0.0, "N m, torque limit of every actuator; 0: the MJCF's")

@@ -46,7 +46,8 @@ class GraspCandidates:
 
 
 def from_labels(scene: Scene, grasps: Mapping[str, GraspSet], hand: HandModel) -> GraspCandidates:
-    """The planner row: the scene's labels, with their robustness as confidence."""
+    """The planner row: the scene's labels, with their robustness as confidence; 1 where a grasp
+    from elsewhere has none."""
     found = grasps_in_scene(
         scene.object_ids,
         scene.T_world_object,
@@ -57,11 +58,15 @@ def from_labels(scene: Scene, grasps: Mapping[str, GraspSet], hand: HandModel) -
     )
     names = [scene.object_ids[k] for k in scene.grasp_object]
     rows = zip(names, scene.grasp_index, strict=True)
-    confidence = np.array([grasps[name].robustness[row] for name, row in rows])
+    robustness = np.array([grasps[name].robustness[row] for name, row in rows], dtype=np.float64)
     order = np.argsort(found.object_index, kind="stable")
     assert (order == np.arange(len(order))).all()
     return GraspCandidates(
-        found.position, found.rotation, found.joints, confidence, found.object_index
+        found.position,
+        found.rotation,
+        found.joints,
+        np.nan_to_num(robustness, nan=1.0),
+        found.object_index,
     )
 
 

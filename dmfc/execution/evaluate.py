@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -19,7 +19,9 @@ from dmfc.execution.candidates import (
     from_prediction,
     select,
 )
-from dmfc.execution.trial import Outcome, TrialRunner
+from dmfc.execution.diversity import diversity
+from dmfc.execution.outcome import Outcome
+from dmfc.execution.trial import TrialRunner
 from dmfc.grasps.grasp_set import GraspSet
 from dmfc.hand.description import HandDescription
 from dmfc.hand.model import HandModel
@@ -31,6 +33,7 @@ from dmfc.training.predict import predict
 
 Row = Literal["model", "planner", "random"]
 Progress = Callable[[float, str], None]
+TRIALS, DIVERSITY = "trials.parquet", "diversity.parquet"
 TABLE_SIZE = 2.0
 """Side of the table that pictures show, metres; for contacts it has no end."""
 
@@ -58,15 +61,13 @@ class Evaluation:
         ):
             raise DmfcError(f"row '{self.row}': a model needs a network, the planner needs grasps")
 
-    def candidates(self, scene: Scene) -> GraspCandidates:
-        """The grasps executed in a scene: at most K, selected."""
+    def proposals(self, scene: Scene) -> GraspCandidates:
+        """All grasps that are proposed in a scene, before K of them are selected."""
         if self.network is not None:
-            found = from_prediction(scene, predict(self.network, scene.points))
-        elif self.grasps is not None:
-            found = from_labels(scene, self.grasps, self.hand)
-        else:
-            found = at_random(scene, self.hand, self.config)
-        return select(found, self.config)
+            return from_prediction(scene, predict(self.network, scene.points))
+        if self.grasps is not None:
+            return from_labels(scene, self.grasps, self.hand)
+        return at_random(scene, self.hand, self.config)
 
     def open(self, scene: Scene, *, visual: bool = False) -> TrialRunner:
         """The simulation of a scene, its objects at rest on the table."""
@@ -74,9 +75,12 @@ class Evaluation:
         world = World(self.description, models, self.physics, table_size=TABLE_SIZE, visual=visual)
         return TrialRunner(world, self.hand, scene.T_world_object, self.config)
 
-    def trials(self, scene: Scene) -> Iterator[dict[str, Any]]:
-        """K rows of one scene; the simulation is reset before every grasp."""
-        runner, candidates = self.open(scene), self.candidates(scene)
+    def trials(self, scene: Scene, candidates: GraspCandidates) -> Iterator[dict[str, Any]]:
+        """K rows of one scene; the simulation is reset before every grasp.
+
+        `candidates`: at most K, as `select` leaves them; a row for each that is missing too.
+        """
+        runner = self.open(scene)
         for trial in range(self.config.grasps_per_scene):
             outcome, target, confidence = Outcome(), "", float("nan")
             if trial < len(candidates):
@@ -90,7 +94,7 @@ class Evaluation:
                 "trial": trial,
                 "object": target,
                 "confidence": confidence,
-                **asdict(outcome),
+                **outcome.row(),
             }
 
 
@@ -99,12 +103,31 @@ def evaluate_shard(
     out: Path,
     progress: Progress = lambda fraction, message: None,
 ) -> None:
-    """Execute K grasps in every scene and write a row for each to the Parquet file `out`."""
+    """Execute K grasps in every scene; writes two Parquet files into the folder `out`.
+
+    `trials.parquet`: a row per trial. `diversity.parquet`: a row per scene, with the number of
+    grasps proposed and how different those and the executed ones are (see `diversity`).
+    """
     rows: list[dict[str, Any]] = []
-    held = 0
+    spreads: list[dict[str, Any]] = []
     for done, scene in enumerate(evaluation.scenes, start=1):
-        for trial in evaluation.trials(scene):
-            rows.append(trial)
-            held += trial["held"]
-        progress(done / len(evaluation.scenes), f"{held} of {len(rows)} held")
-    pd.DataFrame(rows).to_parquet(out, index=False)
+        proposed = evaluation.proposals(scene)
+        executed = select(proposed, evaluation.config)
+        rows += evaluation.trials(scene, executed)
+        spreads.append(_spread(scene, proposed, executed))
+        planned, held = (sum(row[name] for row in rows) for name in ("planned", "held"))
+        told = f"planned {planned / len(rows):.2f}, held {held / len(rows):.2f} of {len(rows)}"
+        progress(done / len(evaluation.scenes), told)
+    pd.DataFrame(rows).to_parquet(out / TRIALS, index=False)
+    pd.DataFrame(spreads).to_parquet(out / DIVERSITY, index=False)
+
+
+def _spread(scene: Scene, proposed: GraspCandidates, executed: GraspCandidates) -> dict[str, Any]:
+    row: dict[str, Any] = {
+        "scene": scene.scene,
+        "proposed": len(proposed),
+        "executed": len(executed),
+    }
+    for name, grasps in (("proposed", proposed), ("executed", executed)):
+        row |= {f"{name}_{kind}": value for kind, value in diversity(grasps).items()}
+    return row

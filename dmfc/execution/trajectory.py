@@ -5,15 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation, Slerp
 
 from dmfc.config.execution import ExecutionConfig
 from dmfc.hand.model import HandModel
+from dmfc.physics.world import pose_to_qpos
 
 
 @dataclass(frozen=True)
 class Phase:
-    """A straight, smooth motion of palm and fingers."""
+    """A straight, smooth motion of palm and fingers; the palm never turns."""
 
     name: str
     seconds: float
@@ -32,12 +32,11 @@ class Phase:
         steps = max(1, round(self.seconds / timestep))
         s = np.arange(1, steps + 1) / steps
         s = s**3 * (10 - 15 * s + 6 * s**2)
-        ends = Rotation.from_matrix(np.stack([self.T_start[:3, :3], self.T_end[:3, :3]]))
-        quaternion = Slerp([0.0, 1.0], ends)(s).as_quat(scalar_first=True)
-        start, end = self.T_start[:3, 3], self.T_end[:3, 3]
-        position = start + s[:, None] * (end - start)
+        start = pose_to_qpos(self.T_start)
+        poses = np.tile(start, (steps, 1))
+        poses[:, :3] += s[:, None] * (self.T_end[:3, 3] - start[:3])
         joints = self.joints_start + s[:, None] * (self.joints_end - self.joints_start)
-        return np.concatenate([position, quaternion], axis=1), joints
+        return poses, joints
 
 
 @dataclass(frozen=True)
@@ -64,18 +63,20 @@ def plan_trajectory(
 ) -> Trajectory:
     """Resting pose, above the pre-grasp, pre-grasp, grasp, close, squeeze, lift, hold.
 
+    The hand rests with its own open posture and takes that of the grasp while it is raised: some
+    grasps are opened to where fingers overlap, and a simulation that began there would burst apart.
+    With `execution.start` 'pregrasp' the motion begins there all the same.
     T_grasp: T_world_palm [4, 4]; joints: [D] rad, clamped to the limits.
     """
     joints = np.clip(joints, hand.lower, hand.upper)
     normal = T_grasp[:3, :3] @ hand.palm_normal
     T_pregrasp = _moved(T_grasp, -config.pregrasp_distance * normal)
-    rise = max(0.0, config.rest_height - T_grasp[2, 3])
+    rise = max(config.min_rise, config.rest_height - T_grasp[2, 3])
     T_lifted = _moved(T_grasp, np.array([0.0, 0.0, rise]))
     T_raised = T_pregrasp.copy()
     T_raised[2, 3] = max(config.rest_height, T_pregrasp[2, 3])
-    T_rest = np.eye(4)
-    T_rest[:3, :3] = T_grasp[:3, :3]
-    T_rest[2, 3] = T_raised[2, 3]
+    T_rest = T_raised.copy()
+    T_rest[:2, 3] = 0.0
     opened, squeezed = hand.opened(joints), hand.squeezed(joints)
     legs = [
         ("raise", config.raise_time, T_raised, opened),
@@ -86,8 +87,10 @@ def plan_trajectory(
         ("lift", config.lift_time, T_lifted, squeezed),
         ("hold", config.hold_time, T_lifted, squeezed),
     ]
+    if config.start == "pregrasp":
+        T_rest, legs = T_pregrasp, legs[2:]
     phases = []
-    T, angles = T_rest, opened
+    T, angles = T_rest, opened if config.start == "pregrasp" else hand.open_joints
     for name, seconds, T_end, angles_end in legs:
         phases.append(Phase(name, seconds, T, T_end, angles, angles_end))
         T, angles = T_end, angles_end

@@ -39,6 +39,10 @@ class Camera:
         self._options = mujoco.MjvOption()
         self._options.geomgroup[3] = 0
 
+    def turn(self, azimuth: float) -> None:
+        """Go round what it looks at, to `azimuth` degrees."""
+        self._camera.azimuth = azimuth
+
     def frame(self) -> np.ndarray:
         """[height, width, 3] uint8, as the world is now."""
         self._renderer.update_scene(self.world.data, self._camera, self._options)

@@ -2,25 +2,27 @@
 
 The palm hangs on a free joint that a mocap body drags along by a stiff weld: that is the arm.
 Nothing ties an object to anything: gravity, contacts and friction are all that act on it. (`hold`
-pins one object in the air while labels are planned; execution never calls it.)
+makes one object inert in the air while labels are planned; execution never calls it.)
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
+from mujoco.rollout import Rollout
 
 from dmfc.config.physics import PhysicsConfig
 from dmfc.hand.description import HandDescription
-from dmfc.hand.mjcf import PREFIX, actuator_scale, dof_actuators, hand_spec
+from dmfc.hand.mjcf import PREFIX, actuator_scale, dof_actuators
 from dmfc.objects.model import ObjectModel
+from dmfc.physics.spec import NEAREST, STRONGEST, TABLE, scene_spec, weighed
 
-TABLE = "table"
-_WELD_DATA = [0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 1]
-"""Anchor and relative pose at the origin, torques weighed as forces."""
-_HAND_BIT, _OBJECT_BIT, _TABLE_BIT = 1, 2, 4
+_STATE = mujoco.mjtState
+_PHYSICS = int(_STATE.mjSTATE_FULLPHYSICS)
+_COMMANDS = int(_STATE.mjSTATE_CTRL | _STATE.mjSTATE_MOCAP_POS | _STATE.mjSTATE_MOCAP_QUAT)
 
 
 @dataclass(frozen=True)
@@ -45,11 +47,23 @@ class Indices:
     """[K] first of 6 entries of qvel per object."""
     object_body: np.ndarray
     """[K] body of each object."""
-    hold_equality: np.ndarray
-    """[K] equality that pins each object; empty where `hold` was not asked for."""
     geom_owner: np.ndarray
     """[ngeom] -2: hand, -1: table, else the object."""
     palm_body: int
+    nearest: int
+    """Entry of sensordata with the gap of the deepest contact."""
+    strongest: slice
+    """Entries of sensordata with the force of the strongest contact, in its own frame."""
+
+
+@dataclass(frozen=True)
+class Peaks:
+    """What comes and goes between two looks: the worst of all contacts of all steps in between."""
+
+    penetration: float
+    """Deepest, metres."""
+    force: float
+    """Largest, N, friction included."""
 
 
 class World:
@@ -66,25 +80,27 @@ class World:
         physics: PhysicsConfig,
         *,
         table_size: float | None = None,
-        can_hold: bool = False,
         visual: bool = False,
     ) -> None:
         """Build and compile; `table_size` None leaves the table out, `visual` adds full meshes."""
-        spec = hand_spec(hand)
-        _set_options(spec, physics)
-        _drive_palm(spec, hand, physics)
-        if table_size is not None:
-            _add_table(spec, table_size, physics)
-        for index, model in enumerate(objects):
-            _add_object(spec, index, model, physics, can_hold=can_hold, visual=visual)
-        if visual:
-            _light(spec)
+        objects = [weighed(model, physics) for model in objects]
+        spec = scene_spec(hand, objects, physics, table_size=table_size, visual=visual)
         self.hand = hand
         self.objects = objects
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
-        self.index = _indices(self.model, spec, hand, len(objects), can_hold)
+        # Views of memory that stays where it is: asking for them at every step takes longer.
+        self._palm_target = self.data.mocap_pos[0], self.data.mocap_quat[0]
+        self._command = self.data.ctrl
+        # The thread that calls is the one that steps.
+        self._rollout = Rollout(nthread=0)
+        self._state_size = mujoco.mj_stateSize(self.model, _PHYSICS)
+        self.index = _indices(self.model, spec, hand, len(objects))
         self.actuator_scale = actuator_scale(spec, hand)
+        limited = self.model.actuator_forcelimited[self.index.actuator].astype(bool)
+        limits = self.model.actuator_forcerange[self.index.actuator]
+        self.torque_range = np.where(limited[:, None], limits, [-np.inf, np.inf]).T
+        """Least and largest torque [2, D] of the actuators, N m."""
         self.dof_range = self.model.jnt_range[
             [self.model.joint(PREFIX + name).id for name in hand.dofs]
         ]
@@ -92,8 +108,10 @@ class World:
     # ── state ────────────────────────────────────────────────────────────────────────────────
 
     def reset(self) -> None:
-        """Back to the model's own initial state; the hand waits far above."""
+        """Back to the model's own initial state; the hand waits far above, nothing is held."""
         mujoco.mj_resetData(self.model, self.data)
+        for which in range(len(self.objects)):
+            self.hold(which, 0.0)
 
     def place_palm(self, T_world_palm: np.ndarray, joints: np.ndarray) -> None:
         """Put the hand at a pose [4, 4] with joint angles [D], at rest, and command it to stay."""
@@ -115,24 +133,55 @@ class World:
 
     def drive_palm(self, pose: np.ndarray) -> None:
         """Command the palm's pose, [7] x y z qw qx qy qz."""
-        self.data.mocap_pos[0] = pose[:3]
-        self.data.mocap_quat[0] = pose[3:]
+        position, quaternion = self._palm_target
+        position[:], quaternion[:] = pose[:3], pose[3:]
 
     def drive_joints(self, joints: np.ndarray) -> None:
         """Command joint angles [D]; the actuators' own ranges and torque limits apply."""
-        self.data.ctrl[self.index.actuator] = joints * self.actuator_scale
+        self._command[self.index.actuator] = joints * self.actuator_scale
 
-    def hold(self, which: int, active: bool) -> None:
-        """Pin an object where it is (labels only), or let it go."""
-        equality = self.index.hold_equality[which]
-        if active:
-            T, centre = self.object_pose(which), self.objects[which].com
-            # At the centre of mass: a weld at the end of a lever is soft against turning.
-            eq_data = self.model.eq_data[equality]
-            eq_data[:3] = T[:3, :3] @ centre + T[:3, 3]
-            eq_data[3:6] = centre
-            mujoco.mju_negQuat(eq_data[6:10], pose_to_qpos(T)[3:])
-        self.data.eq_active[equality] = int(active)
+    def hold(self, which: int, inertia: float) -> None:
+        """Make an object too inert to be moved by fingers (labels only); 0 lets it go, at rest.
+
+        `inertia`, kg and kg m^2, is added to its own. It has no weight.
+        """
+        first = self.index.object_qvel[which]
+        self.model.dof_armature[first : first + 6] = inertia
+        self.data.qvel[first : first + 6] = 0.0
+
+    def commands(self, poses: np.ndarray, joints: np.ndarray) -> np.ndarray:
+        """[n, C] for `play`, of palm poses [n, 7] (x y z qw qx qy qz) and joint angles [n, D]."""
+        commands = np.zeros((len(poses), self.model.nu + 7))
+        commands[:, self.index.actuator] = joints * self.actuator_scale
+        commands[:, self.model.nu :] = poses
+        return commands
+
+    def play(self, commands: np.ndarray) -> Peaks:
+        """A step per row of `commands` [n, C].
+
+        The same as `drive_palm`, `drive_joints` and `mj_step` n times, but in MuJoCo's own loop
+        in place of Python's, and it stops at the first warning (see `diverged`).
+        """
+        model, data = self.model, self.data
+        state = np.empty((1, self._state_size))
+        mujoco.mj_getState(model, data, state[0], _PHYSICS)
+        sensed = np.empty((1, len(commands), model.nsensordata))
+        self._rollout.rollout(
+            [model],
+            [data],
+            state,
+            commands[None],
+            control_spec=_COMMANDS,
+            skip_checks=True,
+            nstep=len(commands),
+            initial_warmstart=data.qacc_warmstart[None].copy(),
+            sensordata=sensed,
+        )
+        force = sensed[0, :, self.index.strongest]
+        return Peaks(
+            penetration=max(0.0, -float(sensed[0, :, self.index.nearest].min())),
+            force=math.sqrt(np.square(force).sum(axis=1).max()),
+        )
 
     # ── what is seen ─────────────────────────────────────────────────────────────────────────
 
@@ -156,15 +205,9 @@ class World:
         return self.index.geom_owner[contact.geom], contact.dist
 
     def diverged(self) -> bool:
-        """Whether the state is no longer finite, or MuJoCo has had to reset it."""
-        warnings = self.data.warning
-        bad = mujoco.mjtWarning
-        return bool(
-            warnings[bad.mjWARN_BADQPOS].number
-            or warnings[bad.mjWARN_BADQVEL].number
-            or warnings[bad.mjWARN_BADQACC].number
-            or not np.isfinite(self.data.qpos).all()
-        )
+        """Whether the state is no longer finite, or MuJoCo has had to reset it or to leave
+        contacts out."""
+        return bool(self.data.warning.number.any()) or not math.isfinite(self.data.qpos.sum())
 
 
 def pose_to_qpos(T: np.ndarray) -> np.ndarray:
@@ -177,147 +220,17 @@ def pose_to_qpos(T: np.ndarray) -> np.ndarray:
 
 def qpos_to_pose(qpos: np.ndarray) -> np.ndarray:
     """[7] x y z qw qx qy qz -> [4, 4]."""
-    T = np.eye(4)
+    T = np.zeros((4, 4))
     flat = np.empty(9)
-    mujoco.mju_quat2Mat(flat, np.ascontiguousarray(qpos[3:]))
+    mujoco.mju_quat2Mat(flat, qpos[3:])
     T[:3, :3] = flat.reshape(3, 3)
     T[:3, 3] = qpos[:3]
+    T[3, 3] = 1.0
     return T
 
 
-def _set_options(spec: mujoco.MjSpec, physics: PhysicsConfig) -> None:
-    option = spec.option
-    option.timestep = physics.timestep
-    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    option.impratio = physics.impratio
-    option.noslip_iterations = physics.noslip_iterations
-    # One contact per pair of convex parts instead of a patch: a quarter of the time per step, and
-    # condim 4 gives the torque about the normal that a patch would.
-    option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_MULTICCD)
-
-
-def _drive_palm(spec: mujoco.MjSpec, hand: HandDescription, physics: PhysicsConfig) -> None:
-    """Free the palm, drag it by a mocap body, scale the finger gains."""
-    for geom in spec.geoms:
-        geom.friction = [physics.hand_friction, physics.torsional_friction, 0.0001]
-        geom.condim = 4
-        if geom.contype:
-            geom.contype, geom.conaffinity = _HAND_BIT, _HAND_BIT | _OBJECT_BIT | _TABLE_BIT
-    palm = spec.body(PREFIX + hand.palm)
-    palm.add_freejoint(name="palm_free")
-    palm.mass += physics.base_mass
-    palm.pos = [0, 0, 2]
-    target = spec.worldbody.add_body(name="palm_target", mocap=True, pos=[0, 0, 2])
-    weld = spec.add_equality(type=mujoco.mjtEq.mjEQ_WELD, name1=target.name, name2=palm.name)
-    weld.objtype = mujoco.mjtObj.mjOBJ_BODY
-    weld.data[:11] = _WELD_DATA
-    weld.solref[:] = [0.01, 1.0]
-    weld.solimp[:3] = [0.95, 0.99, 0.001]
-    for actuator in spec.actuators:
-        actuator.gainprm[0] *= physics.gain_scale
-        actuator.biasprm[1] *= physics.gain_scale
-
-
-def _add_table(spec: mujoco.MjSpec, size: float, physics: PhysicsConfig) -> None:
-    spec.worldbody.add_geom(
-        name=TABLE,
-        type=mujoco.mjtGeom.mjGEOM_PLANE,
-        size=[size / 2, size / 2, 0.05],
-        friction=[
-            physics.object_friction,
-            physics.torsional_friction,
-            physics.rolling_friction,
-        ],
-        condim=6,
-        solref=[physics.contact_time, 1.0],
-        contype=_TABLE_BIT,
-        conaffinity=_HAND_BIT | _OBJECT_BIT,
-        rgba=[0.75, 0.72, 0.68, 1],
-    )
-
-
-def _light(spec: mujoco.MjSpec) -> None:
-    """Lamps, a pale sky and a hand that is not black: for pictures only."""
-    for position in ([0.8, -0.8, 1.6], [-1.0, 0.6, 1.4]):
-        towards = -np.array(position) / np.linalg.norm(position)
-        light = spec.worldbody.add_light(pos=position, dir=towards, diffuse=[0.5, 0.5, 0.5])
-        light.castshadow = position[0] > 0
-    spec.add_texture(
-        name="sky",
-        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
-        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
-        rgb1=[1.0, 1.0, 1.0],
-        rgb2=[0.85, 0.9, 0.95],
-        width=64,
-        height=384,
-    )
-    spec.visual.headlight.ambient = [0.35, 0.35, 0.35]
-    for material in spec.materials:
-        material.rgba = [0.35, 0.38, 0.42, 1.0]
-
-
-_COLOURS = [
-    [0.85, 0.45, 0.2, 1],
-    [0.25, 0.55, 0.8, 1],
-    [0.4, 0.7, 0.35, 1],
-    [0.75, 0.35, 0.6, 1],
-    [0.85, 0.75, 0.3, 1],
-]
-
-
-def _add_object(
-    spec: mujoco.MjSpec,
-    index: int,
-    model: ObjectModel,
-    physics: PhysicsConfig,
-    *,
-    can_hold: bool,
-    visual: bool,
-) -> None:
-    body = spec.worldbody.add_body(name=f"object{index}", pos=[0, 0, -10 - index])
-    body.add_freejoint(name=f"object{index}_free")
-    body.mass = model.mass
-    body.ipos = model.com
-    body.fullinertia = model.inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-    body.explicitinertial = True
-    for part, vertices in enumerate(model.convex_parts):
-        mesh = spec.add_mesh(name=f"object{index}_part{part}", uservert=vertices.ravel())
-        body.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_MESH,
-            meshname=mesh.name,
-            friction=[physics.object_friction, physics.torsional_friction, 0.0001],
-            condim=4,
-            contype=_OBJECT_BIT,
-            conaffinity=_HAND_BIT | _OBJECT_BIT | _TABLE_BIT,
-            solref=[physics.contact_time, 1.0],
-            group=3,
-        )
-    if visual:
-        mesh = spec.add_mesh(
-            name=f"object{index}_visual",
-            uservert=model.vertices.ravel(),
-            userface=model.faces.ravel(),
-            inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
-        )
-        body.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_MESH,
-            meshname=mesh.name,
-            contype=0,
-            conaffinity=0,
-            group=2,
-            rgba=_COLOURS[index % len(_COLOURS)],
-        )
-    if can_hold:
-        pin = spec.add_equality(type=mujoco.mjtEq.mjEQ_WELD, name1=body.name, name2="world")
-        pin.objtype = mujoco.mjtObj.mjOBJ_BODY
-        pin.name = f"object{index}_hold"
-        pin.active = False
-        pin.data[:11] = _WELD_DATA
-
-
 def _indices(
-    model: mujoco.MjModel, spec: mujoco.MjSpec, hand: HandDescription, count: int, can_hold: bool
+    model: mujoco.MjModel, spec: mujoco.MjSpec, hand: HandDescription, count: int
 ) -> Indices:
     def qpos(name: str) -> int:
         return int(model.joint(name).qposadr[0])
@@ -331,6 +244,7 @@ def _indices(
         elif model.geom(geom).name == TABLE:
             owner[geom] = -1
     numbers = range(count)
+    strongest = int(model.sensor(STRONGEST).adr[0])
     return Indices(
         palm_qpos=qpos("palm_free"),
         palm_qvel=int(model.joint("palm_free").dofadr[0]),
@@ -344,9 +258,8 @@ def _indices(
             [model.joint(f"object{k}_free").dofadr[0] for k in numbers], dtype=int
         ),
         object_body=np.array([model.body(f"object{k}").id for k in numbers], dtype=int),
-        hold_equality=np.array(
-            [model.equality(f"object{k}_hold").id for k in numbers if can_hold], dtype=int
-        ),
         geom_owner=owner,
         palm_body=model.body(PREFIX + hand.palm).id,
+        nearest=int(model.sensor(NEAREST).adr[0]),
+        strongest=slice(strongest, strongest + 3),
     )

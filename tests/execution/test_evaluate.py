@@ -12,12 +12,13 @@ import pytest
 from dmfc.config.execution import ExecutionConfig
 from dmfc.config.physics import PhysicsConfig
 from dmfc.errors import DmfcError
-from dmfc.execution.evaluate import Evaluation, evaluate_shard
-from dmfc.execution.trial import REASONS
+from dmfc.execution.candidates import select
+from dmfc.execution.evaluate import DIVERSITY, TRIALS, Evaluation, evaluate_shard
+from dmfc.execution.outcome import REASONS
 from dmfc.hand.description import HandDescription
 from dmfc.hand.model import HandModel
 from dmfc.report.rates import rates
-from dmfc.scenes.scene_set import SceneSet, write_shard
+from dmfc.scenes.scene_set import Scene, SceneSet, write_shard
 from tests.execution.execution_shapes import good, scene_of, standing
 from tests.grasps.grasp_shapes import planned, shape
 
@@ -61,9 +62,14 @@ def planner(hand: HandModel, description: HandDescription, scenes: SceneSet) -> 
 
 @pytest.fixture(scope="module")
 def rows(planner: Evaluation, tmp_path_factory: pytest.TempPathFactory) -> pd.DataFrame:
-    path = tmp_path_factory.mktemp("rows") / "trials.parquet"
-    evaluate_shard(planner, path)
-    return pd.read_parquet(path)
+    folder = tmp_path_factory.mktemp("rows")
+    evaluate_shard(planner, folder)
+    return pd.read_parquet(folder / TRIALS)
+
+
+def rows_of(evaluation: Evaluation, scene: Scene) -> pd.DataFrame:
+    chosen = select(evaluation.proposals(scene), evaluation.config)
+    return pd.DataFrame(list(evaluation.trials(scene, chosen)))
 
 
 def test_every_scene_has_k_rows_whatever_happens(rows: pd.DataFrame, scenes: SceneSet) -> None:
@@ -96,26 +102,34 @@ def test_planned_grasps_hold_and_the_rates_count_what_is_missing(rows: pd.DataFr
 
 def test_the_same_again(planner: Evaluation, rows: pd.DataFrame, tmp_path: Path) -> None:
     told: list[float] = []
-    evaluate_shard(planner, tmp_path / "again", lambda fraction, message: told.append(fraction))
-    pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "again"), rows, check_exact=True)
+    evaluate_shard(planner, tmp_path, lambda fraction, message: told.append(fraction))
+    pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / TRIALS), rows, check_exact=True)
+    spread = pd.read_parquet(tmp_path / DIVERSITY).set_index("scene")
+    assert spread["proposed"].to_dict() == {10: len(good("block")), 11: 2, 12: 0}
+    assert spread["executed"].to_dict() == {10: K, 11: 2, 12: 0}
     assert told == pytest.approx([1 / 3, 2 / 3, 1])
 
 
 def test_a_scene_does_not_depend_on_those_before_it(
     planner: Evaluation, rows: pd.DataFrame
 ) -> None:
-    alone = pd.DataFrame(list(planner.trials(planner.scenes[1])))
+    alone = rows_of(planner, planner.scenes[1])
     expected = rows[rows["scene"] == 11].reset_index(drop=True)
     pd.testing.assert_frame_equal(alone, expected, check_exact=True)
 
 
 def test_the_random_row_is_executed_likewise(planner: Evaluation) -> None:
     evaluation = dataclasses.replace(planner, row="random", grasps=None)
-    rows = pd.DataFrame(list(evaluation.trials(planner.scenes[2])))
+    rows = rows_of(evaluation, planner.scenes[2])
     assert len(rows) == K
     assert rows["object"].unique().tolist() == [shape("block").id]
     assert rows.loc[~rows["held"], "reason"].isin(REASONS).all()
     assert "no candidate" not in set(rows["reason"])
+
+
+def test_the_planner_beats_chance_by_half(planner: Evaluation, rows: pd.DataFrame) -> None:
+    chance = rows_of(dataclasses.replace(planner, row="random", grasps=None), planner.scenes[0])
+    assert rows.loc[rows["scene"] == 10, "held"].mean() - chance["held"].mean() >= 0.5
 
 
 def test_grasps_of_low_confidence_are_not_executed(planner: Evaluation) -> None:
@@ -124,7 +138,7 @@ def test_grasps_of_low_confidence_are_not_executed(planner: Evaluation) -> None:
         for name, grasps in (planner.grasps or {}).items()
     }
     evaluation = dataclasses.replace(planner, grasps=unsure)
-    rows = pd.DataFrame(list(evaluation.trials(planner.scenes[0])))
+    rows = rows_of(evaluation, planner.scenes[0])
     assert rows["reason"].tolist() == ["no candidate"] * K
 
 

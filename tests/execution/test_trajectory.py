@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from itertools import pairwise
 
 import numpy as np
@@ -114,7 +115,20 @@ def test_opening_and_squeezing_move_only_what_closes(
     assert (sign * (squeezed - trajectory.closed) >= 0).all()
 
 
-def test_a_grasp_above_the_resting_height_is_not_lowered(hand: HandModel) -> None:
-    high = pose(0, 0, CONFIG.rest_height + 0.2)
-    trajectory = plan_trajectory(high, hand.open_joints, hand, CONFIG)
-    assert np.array_equal(trajectory.T_lifted, high)
+def test_a_grasp_near_the_resting_height_is_lifted_all_the_same(hand: HandModel) -> None:
+    for height in (CONFIG.rest_height - 0.02, CONFIG.rest_height + 0.2):
+        trajectory = plan_trajectory(pose(0, 0, height), hand.open_joints, hand, CONFIG)
+        assert trajectory.T_lifted == pytest.approx(pose(0, 0, height + CONFIG.min_rise))
+
+
+def test_the_motion_can_begin_at_the_pre_grasp(hand: HandModel, trajectory: Trajectory) -> None:
+    config = dataclasses.replace(CONFIG, start="pregrasp")
+    short = plan_trajectory(T_GRASP, trajectory.closed, hand, config)
+    assert [phase.name for phase in short.phases] == NAMES[2:]
+    assert np.array_equal(short.T_rest, trajectory.T_pregrasp)
+    assert np.array_equal(short.phases[0].T_start, trajectory.T_pregrasp)
+    assert np.array_equal(short.phases[0].joints_start, short.opened)
+
+
+def test_the_hand_rests_open(hand: HandModel, trajectory: Trajectory) -> None:
+    assert np.array_equal(trajectory.phases[0].joints_start, hand.open_joints)

@@ -32,6 +32,35 @@ def test_gains_are_scaled_torque_limits_are_not(description: HandDescription) ->
         assert model.body(name).mass == pytest.approx(stock.body(row).mass + extra)
 
 
+def test_every_object_and_actuator_can_be_given_the_same(description: HandDescription) -> None:
+    physics = PhysicsConfig(object_mass=0.1, actuator_gain=5.0, actuator_limit=3.0)
+    blocks = [block(mass=0.5), ball(mass=0.02)]
+    world = World(description, blocks, physics)
+    for k, given in enumerate(blocks):
+        body = world.index.object_body[k]
+        assert world.model.body_mass[body] == pytest.approx(0.1)
+        assert world.objects[k].inertia / 0.1 == pytest.approx(given.inertia / given.mass)
+    index = world.index.actuator
+    assert (world.model.actuator_gainprm[index, 0] == 5.0).all()
+    assert (world.model.actuator_biasprm[index, 1] == -5.0).all()
+    assert (np.abs(world.model.actuator_forcerange[index]) == 3.0).all()
+
+
+@pytest.mark.parametrize("weight", [True, False])
+def test_fingers_without_force_fall_only_if_they_weigh(
+    description: HandDescription, weight: bool
+) -> None:
+    physics = PhysicsConfig(gain_scale=0.0, hand_weight=weight)
+    world = World(description, [block()], physics, table_size=2.0)
+    place(world, [pose(z=0.5)], palm=pose(0.4, z=0.6, turn=(np.pi / 2, 0, 0)))
+    before = world.joints()
+    step(world, 0.3)
+    fell = np.abs(world.joints() - before).max()
+    assert fell > 0.1 if weight else fell < 0.01
+    # Objects fall either way.
+    assert world.object_pose(0)[2, 3] < 0.2
+
+
 def test_torques_never_pass_the_limits_of_the_mjcf(still: World) -> None:
     lower, upper = still.dof_range.T
     limits = still.model.actuator_forcerange[still.index.actuator]

@@ -33,7 +33,7 @@ from tests.physics.physics_shapes import (
 @pytest.fixture(scope="module")
 def floating(description: HandDescription) -> Iterator[World]:
     """One wedge that can be held, no table."""
-    world = World(description, [lopsided()], PhysicsConfig(), can_hold=True)
+    world = World(description, [lopsided()], PhysicsConfig())
     assert world.model.opt.gravity[2] == -GRAVITY
     return world
 
@@ -181,28 +181,33 @@ def test_nothing_ties_an_object_to_anything(still: World) -> None:
     assert len(driven) == len(still.hand.dofs)
     assert not still.data.xfrc_applied.any()
     assert not still.data.qfrc_applied.any()
-    assert not len(still.index.hold_equality)
-    with pytest.raises(IndexError):
-        still.hold(0, True)
 
 
-def test_hold_pins_where_it_is_and_lets_go(floating: World) -> None:
+def test_hold_keeps_it_where_it_is_and_lets_go(floating: World) -> None:
+    """With an inertia M of its own and a force F on it, it moves by F t^2 / 2 M."""
     start = random_pose(np.random.default_rng(4))
     place(floating, [start])
-    assert not floating.data.eq_active[floating.index.hold_equality[0]]
-    floating.hold(0, True)
+    floating.hold(0, 1e4)
+    first = floating.index.object_qvel[0]
+    floating.data.qfrc_applied[first : first + 3] = [0.0, 20.0, 0.0]
     step(floating, 0.5)
-    held = floating.object_pose(0)
-    assert np.linalg.norm((held - start)[:3, 3]) < 1e-3
-    assert angle(held, start) < 5e-3
-    floating.hold(0, False)
+    held, body = floating.object_pose(0), floating.objects[0]
+    centre = np.append(body.com, 1.0)
+    moved = ((held - start) @ centre)[:3]
+    assert moved == pytest.approx(np.array([0.0, 20.0, -GRAVITY * body.mass]) * 0.125e-4, abs=5e-6)
+    assert angle(held, start) < 1e-3
+    floating.data.qfrc_applied[:] = 0.0
+    floating.hold(0, 0.0)
+    assert not floating.data.qvel[first : first + 6].any()
     step(floating, 0.2)
-    centre = np.append(floating.objects[0].com, 1.0)
     fallen = ((held - floating.object_pose(0)) @ centre)[2]
     assert fallen == pytest.approx(GRAVITY * 0.2**2 / 2, rel=0.05)
-    floating.hold(0, True)
+
+
+def test_a_reset_lets_go(floating: World) -> None:
+    floating.hold(0, 1e4)
     floating.reset()
-    assert not floating.data.eq_active[floating.index.hold_equality[0]]
+    assert not floating.model.dof_armature[floating.index.object_qvel[0] :][:6].any()
 
 
 def test_contacts_name_their_owners(still: World) -> None:

@@ -1,0 +1,49 @@
+"""Protocols: settings that hold while grasps are executed, and nowhere else.
+
+Planning and training keep the settings of the preset, so that the same grasps and the same model
+can be laid under another protocol.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from dmfc.config.load import build_config, open_tree, shipped_file
+from dmfc.config.plain_yaml import read_yaml
+from dmfc.config.schema import Config
+from dmfc.errors import DmfcError
+
+GROUPS = ("physics.", "execution.", "hand.opening", "hand.squeeze")
+"""What a protocol may set."""
+COUNTED = ("grasps_per_scene", "seed", "protocol", "changes")
+"""Settings of execution that it may not: they say how many trials there are, and which."""
+
+
+def executed(config: Config) -> Config:
+    """`config` under `execution.protocol`, then under `execution.changes`.
+
+    Raises DmfcError on an unknown protocol or setting, or one that is not for execution.
+    """
+    path = shipped_file("protocols", config.execution.protocol, "protocol")
+    overlays = [
+        (str(path), read_yaml(path) or {}),
+        ("execution.changes", config.execution.changes),
+    ]
+    for where, values in overlays:
+        for key in _dotted(open_tree(values, where)):
+            counted = key in {f"execution.{name}" for name in COUNTED}
+            if counted or not key.startswith(GROUPS):
+                raise DmfcError(
+                    f"{where}: '{key}' cannot be changed for execution alone "
+                    f"(physics.*, hand.opening, hand.squeeze, most of execution.*)"
+                )
+    return build_config(overlays, config)
+
+
+def _dotted(tree: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
+    for name, value in tree.items():
+        if isinstance(value, Mapping):
+            yield from _dotted(value, f"{prefix}{name}.")
+        else:
+            yield f"{prefix}{name}"
