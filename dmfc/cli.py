@@ -7,7 +7,18 @@ from typing import Annotated
 
 import typer
 
-from dmfc import cli_data, cli_doctor, cli_model, cli_sweep
+from dmfc import (
+    cli_data,
+    cli_doctor,
+    cli_evaluate,
+    cli_exchange,
+    cli_grasp_stats,
+    cli_model,
+    cli_scenes,
+    cli_store,
+    cli_sweep,
+    cli_tracking,
+)
 from dmfc.cli_common import stderr
 from dmfc.errors import DmfcError
 
@@ -21,13 +32,19 @@ app = typer.Typer(
 app.command()(cli_doctor.doctor)
 app.add_typer(cli_data.assets, name="assets")
 app.add_typer(cli_data.objects, name="objects")
+cli_data.grasps.command("stats")(cli_grasp_stats.grasps_stats)
+cli_data.grasps.command("import")(cli_exchange.grasps_import)
+cli_data.grasps.command("export")(cli_exchange.grasps_export)
 app.add_typer(cli_data.grasps, name="grasps")
-app.add_typer(cli_data.scenes, name="scenes")
+app.add_typer(cli_scenes.scenes, name="scenes")
 app.command()(cli_model.train)
-app.command()(cli_model.evaluate)
-app.command()(cli_sweep.sweep)
+app.command()(cli_evaluate.evaluate)
+app.command()(cli_evaluate.compare)
+app.add_typer(cli_sweep.sweep_app, name="sweep")
 app.command()(cli_sweep.tables)
-app.command()(cli_sweep.ui)
+app.command()(cli_tracking.ui)
+app.add_typer(cli_tracking.tracking_app, name="tracking")
+app.add_typer(cli_store.store_app, name="store")
 
 
 def _version(wanted: bool) -> None:

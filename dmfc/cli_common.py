@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from dmfc.config.schema import Config
-    from dmfc.sweep.engine import Outcomes
+    from dmfc.sweep.engine import Outcomes, Watcher
     from dmfc.sweep.graph import GraphBuilder
     from dmfc.sweep.ledger import Ledger
     from dmfc.sweep.stage import Stage
@@ -56,35 +56,42 @@ class Session:
     builder: GraphBuilder
 
     @classmethod
-    def open(cls, preset: str, overrides: Sequence[str] | None, store: Path) -> Session:
+    def open(
+        cls,
+        preset: str,
+        overrides: Sequence[str] | None,
+        store: Path,
+        grasp_files: Mapping[str, Path] | None = None,
+    ) -> Session:
+        """`grasp_files`: see `GraphBuilder`."""
         from dmfc.config.load import load_config
         from dmfc.sweep.graph import GraphBuilder
         from dmfc.sweep.ledger import Ledger
         from dmfc.sweep.selection import list_refs
 
         config = load_config(preset, overrides or [])
-        return cls(config, Ledger(store), GraphBuilder(list_refs))
+        return cls(config, Ledger(store), GraphBuilder(list_refs, grasp_files=grasp_files))
 
     def make(self, targets: Sequence[Stage]) -> Outcomes:
         """Run what is missing, shown on standard error; ends the program on Ctrl-C."""
-        return run_shown(targets, self.ledger, self.config)
+        from dmfc.sweep.watch import Progress
+
+        return run_shown(targets, self.ledger, self.config, Progress(self.ledger, stderr()))
 
 
-def run_shown(targets: Sequence[Stage], ledger: Ledger, config: Config) -> Outcomes:
-    """Run stages with progress on standard error. Ctrl-C prints the line that resumes, and ends."""
+def run_shown(
+    targets: Sequence[Stage], ledger: Ledger, config: Config, watcher: Watcher
+) -> Outcomes:
+    """Run stages, watched. Ctrl-C prints the line that resumes, and ends the program."""
     from dmfc.sweep.engine import run_stages, unfinished
-    from dmfc.sweep.watch import Progress
 
-    console = stderr()
     alone = len(unfinished(targets, ledger)) == 1
     # Ray prints the deaths of its processes on standard output, which belongs to the answer.
     with contextlib.redirect_stdout(sys.stderr):
-        outcomes = run_stages(
-            targets, ledger, config, watcher=Progress(ledger, console), local=alone
-        )
+        outcomes = run_stages(targets, ledger, config, watcher=watcher, local=alone)
     if any(outcome.status == "interrupted" for outcome in outcomes.values()):
         line = shlex.join(["dmfc", *sys.argv[1:]])
-        console.print(f"stopped; finished stages are kept. Go on with:\n  {line}", soft_wrap=True)
+        stderr().print(f"stopped; finished stages are kept. Go on with:\n  {line}", soft_wrap=True)
         raise typer.Exit(INTERRUPTED)
     return outcomes
 

@@ -1,11 +1,10 @@
-"""The verbs on one model: train and evaluate."""
+"""The verb that trains one model."""
 
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -23,9 +22,8 @@ from dmfc.cli_common import (
 )
 from dmfc.errors import unknown_name
 
-Model = Annotated[
-    str, typer.Option("--model", help="pretrained, finetuned, planner (ceiling) or random (floor).")
-]
+if TYPE_CHECKING:
+    from dmfc.sweep.stage import Stage
 
 
 def train(
@@ -36,6 +34,10 @@ def train(
     overrides: Overrides = None,
     store: Store = STORE,
     as_json: AsJson = False,
+    replay: Annotated[
+        Path | None,
+        typer.Option(help="A batch that stopped a run: print its terms instead of training."),
+    ] = None,
 ) -> None:
     """Train a model, with all that it needs, and print its last epoch."""
     if stage not in ("pretrain", "finetune"):
@@ -45,6 +47,9 @@ def train(
         session.config, "pretrained" if stage == "pretrain" else "finetuned", "train"
     ).model
     assert built is not None
+    if replay is not None:
+        _replay_batch(session, built, replay, as_json)
+        return
     require(session.make([built]), [built])
     folder = session.ledger.folder(built.address)
     lines = [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
@@ -57,52 +62,10 @@ def train(
     typer.echo(f"weights and metrics: {folder}")
 
 
-def evaluate(
-    model: Model = "finetuned",
-    preset: Preset = PRESET,
-    overrides: Overrides = None,
-    store: Store = STORE,
-    as_json: AsJson = False,
-    only: Annotated[
-        str, typer.Option("--only", help="scene:trial, one trial once more, with a picture.")
-    ] = "",
-    picture: Annotated[Path, typer.Option(help="Where --only writes its strip of frames.")] = Path(
-        "trial.png"
-    ),
-) -> None:
-    """Execute a model's grasps on the test scenes in MuJoCo, and print its rates."""
-    from dmfc.report.formats import rate_text, to_json
-    from dmfc.report.rates import concatenate
-    from dmfc.report.table import NAMES, CellRows, make_table
-    from dmfc.sweep.sweep_file import MODELS
+def _replay_batch(session: Session, training: Stage, file: Path, as_json: bool) -> None:
+    from dmfc.sweep.replay_batch import batch_stages, replay_batch
 
-    if model not in MODELS:
-        raise unknown_name("model", model, MODELS)
-    session = Session.open(preset, overrides, store)
-    config = session.config
-    stages = session.builder.cell(config, model, model).evaluations
-    require(session.make(stages), stages)
-    if only:
-        from dmfc.sweep.replay import replay
-
-        outcome = replay(session.ledger, stages, only, picture)
-        answer({**asdict(outcome), "picture": str(picture)})
-        return
-    import pandas as pd
-
-    paths = [session.ledger.folder(stage.address) / "trials.parquet" for stage in stages]
-    rows = concatenate([pd.read_parquet(path) for path in paths])
-    trials = config.execution.grasps_per_scene * config.scenes.test.count
-    cell = CellRows(model, model, config.execution.seed, trials, rows)
-    table = make_table([cell], id="evaluate", name=model, title=model, preset=preset)
-    if as_json:
-        answer({**to_json(table)["cells"][model], "files": [str(path) for path in paths]})
-        return
-    row = table.rows[0]
-    shown = [
-        {"rate": name, "of": row.rate(name).trials, "value": rate_text(row.rate(name))}
-        for name in NAMES
-    ]
-    show_rows(f"{model} ({preset}), {trials} trials", shown, as_json=False)
-    why = [{"reason": reason, "trials": count} for reason, count in row.reasons.items()]
-    show_rows("why grasps did not hold", why, as_json=False)
+    needed = batch_stages(training).values()
+    session.make([s for given in needed for s in (given if isinstance(given, tuple) else (given,))])
+    what, rows = replay_batch(session.ledger, training, file)
+    show_rows(f"{file}: {what} was not finite", rows, as_json)

@@ -33,11 +33,12 @@ def load_config(preset: str | None = None, overrides: Sequence[str] = ()) -> Con
     return build_config([*overlays, *(parse_override(text) for text in overrides)])
 
 
-def build_config(overlays: Iterable[Overlay]) -> Config:
-    """The defaults with each overlay merged over them in order."""
-    trees = [(where, _tree(values, where)) for where, values in overlays]
+def build_config(overlays: Iterable[Overlay], base: Config | None = None) -> Config:
+    """The defaults, or `base`, with each overlay merged over them in order."""
+    trees = [(where, open_tree(values, where)) for where, values in overlays]
+    start = _schema() if base is None else OmegaConf.structured(base)
     try:
-        merged = OmegaConf.merge(_schema(), *(tree for _, tree in trees))
+        merged = OmegaConf.merge(start, *(tree for _, tree in trees))
     except OmegaConfBaseException:
         raise _culprit(trees) from None
     try:
@@ -71,7 +72,7 @@ def preset_overlay(preset: str) -> Overlay:
 
 
 def shipped_names(folder: str) -> list[str]:
-    """Names of the YAML files shipped in `folder` ('configs' or 'sweeps')."""
+    """Names of the YAML files shipped in `folder` ('configs', 'sweeps' or 'protocols')."""
     return sorted(path.stem for path in _shipped_folder(folder).glob("*.yaml"))
 
 
@@ -130,7 +131,7 @@ def nearest_key(key: str, choices: Iterable[str]) -> str | None:
     return best if best is not None and likeness(best) >= LIKE else None
 
 
-def _tree(values: Mapping[str, Any], where: str) -> dict[str, Any]:
+def open_tree(values: Mapping[str, Any], where: str) -> dict[str, Any]:
     """`values` with dotted keys opened out, after checking every key against the schema."""
     root: dict[str, Any] = {}
 

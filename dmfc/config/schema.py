@@ -15,6 +15,7 @@ from dmfc.config.scenes import MatchingConfig, ScenesConfig
 from dmfc.config.setting import setting
 from dmfc.config.sweep import RunConfig
 from dmfc.config.training import TrainingConfig
+from dmfc.config.validation import ValidationConfig
 
 
 @dataclass(frozen=True)
@@ -28,5 +29,6 @@ class Config:
     network: NetworkConfig = setting(NetworkConfig, "the network")
     losses: LossConfig = setting(LossConfig, "losses and their weights")
     training: TrainingConfig = setting(TrainingConfig, "the two-stage schedule")
+    validation: ValidationConfig = setting(ValidationConfig, "validation on held-out objects")
     execution: ExecutionConfig = setting(ExecutionConfig, "execution in MuJoCo")
     run: RunConfig = setting(RunConfig, "resources; never part of a stage's key")

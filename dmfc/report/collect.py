@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from dmfc.errors import DmfcError, unknown_name
 from dmfc.report.formats import to_csv, to_json, to_latex, to_markdown
 from dmfc.report.rates import concatenate
 from dmfc.report.table import CellRows, SweepTable, make_table
+from dmfc.report.trials import SearchTrial, read_trials, trials_to_csv
 from dmfc.sweep.context import write_json
 from dmfc.sweep.ledger import Ledger
 
@@ -23,6 +24,21 @@ def list_sweeps(ledger: Ledger) -> list[str]:
     """Ids of the sweeps in a store, the latest last."""
     found = (ledger.store / "sweeps").glob("*/sweep.json")
     return [path.parent.name for path in sorted(found, key=lambda path: path.stat().st_mtime)]
+
+
+def resolve_sweeps(ledger: Ledger, names: Sequence[str] | None = None) -> list[str]:
+    """Ids of the sweeps called so: a name is the latest of that name; None: each name's latest.
+
+    Raises DmfcError if the store has no sweeps, or none of that name.
+    """
+    known = list_sweeps(ledger)
+    if not known:
+        raise DmfcError(f"no sweeps in the store '{ledger.store}' yet: run `dmfc sweep` first")
+    latest = {sweep_id.rpartition("-")[0]: sweep_id for sweep_id in known}
+    for name in names or ():
+        if name not in latest and name not in known:
+            raise unknown_name("sweep", name, [*latest, *known])
+    return [latest.get(name, name) for name in names or sorted(latest)]
 
 
 def read_sweep(ledger: Ledger, sweep_id: str) -> dict[str, Any]:
@@ -36,20 +52,31 @@ def read_sweep(ledger: Ledger, sweep_id: str) -> dict[str, Any]:
 def collect(
     ledger: Ledger, sweep: Mapping[str, Any], failures: Mapping[str, str] | None = None
 ) -> list[CellRows]:
-    """The rows of every cell. `failures` gives reasons of stages that are not there, by address."""
-    return [_cell(ledger, cell, failures or {}) for cell in sweep["cells"]]
+    """The rows of every cell that is executed. `failures` gives reasons by address of a stage."""
+    cells = [cell for cell in sweep["cells"] if cell["evaluations"]]
+    return [cell_rows(ledger, cell, failures or {}) for cell in cells]
 
 
 def table_of(
     ledger: Ledger, sweep: Mapping[str, Any], failures: Mapping[str, str] | None = None
 ) -> SweepTable:
     """The table of a sweep from what is in the ledger."""
+    trials = read_trials(ledger, sweep, failures or {})
+    return table_from(collect(ledger, sweep, failures), sweep, trials)
+
+
+def table_from(
+    cells: Sequence[CellRows], sweep: Mapping[str, Any], trials: Sequence[SearchTrial] = ()
+) -> SweepTable:
+    """The table of a sweep from the rows of its cells, and from the trials of a search."""
     return make_table(
-        collect(ledger, sweep, failures),
+        cells,
         id=sweep["id"],
         name=sweep["name"],
         title=sweep["title"],
         preset=sweep["preset"] or "defaults",
+        show=sweep["show"],
+        trials=trials,
     )
 
 
@@ -58,9 +85,12 @@ def write_table(ledger: Ledger, table: SweepTable, rows: list[CellRows]) -> list
     folder = ledger.store / "sweeps" / table.id
     folder.mkdir(parents=True, exist_ok=True)
     texts = {"md": to_markdown(table), "csv": to_csv(table), "tex": to_latex(table)}
+    names = {f"table.{suffix}": text for suffix, text in texts.items()}
+    if table.trials:
+        names["search.csv"] = trials_to_csv(table.trials)
     paths = []
-    for suffix, text in texts.items():
-        path = folder / f"table.{suffix}"
+    for name, text in names.items():
+        path = folder / name
         path.write_text(text, encoding="utf-8")
         paths.append(path)
     write_json(folder / "table.json", to_json(table))
@@ -69,7 +99,8 @@ def write_table(ledger: Ledger, table: SweepTable, rows: list[CellRows]) -> list
     return [*paths, folder / "table.json", folder / TRIALS]
 
 
-def _cell(ledger: Ledger, cell: Mapping[str, Any], failures: Mapping[str, str]) -> CellRows:
+def cell_rows(ledger: Ledger, cell: Mapping[str, Any], failures: Mapping[str, str]) -> CellRows:
+    """The trial rows of one cell at one seed, and why some are missing."""
     parts, missing = [], []
     for address in cell["evaluations"]:
         if ledger.finished(address):

@@ -28,7 +28,8 @@ def draw_rates(table: SweepTable, path: Path) -> None:
             if name in row.paper:
                 axes.plot(row.paper[name][0], y, "x", color="black", markersize=6)
         axes.barh(0, 0, color=COLOURS[name], label=name)
-    axes.plot([], [], "x", color="black", linestyle="none", label="paper")
+    if any(row.paper for row in table.rows):
+        axes.plot([], [], "x", color="black", linestyle="none", label="paper")
     labels = [f"{row.label}\nn = {row.trials}" for row in table.rows]
     axes.set_yticks(range(len(table.rows)), labels)
     axes.invert_yaxis()

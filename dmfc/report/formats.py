@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import io
 from typing import Any
 
@@ -10,23 +11,28 @@ from rich.table import Table
 
 from dmfc.report.rates import Rate
 from dmfc.report.table import NAMES, SweepTable, TableRow
+from dmfc.report.trials import trial_lines
 
 
 def to_markdown(table: SweepTable) -> str:
     """The table, the per-object breakdown, and why trials failed."""
     head = ["model", "trials"]
-    for name in NAMES:
+    for name in table.show:
         head += [f"{name} ± s.e. [95 %]", "paper"]
     lines = [f"## {table.title}", "", f"Sweep `{table.id}`, preset `{table.preset}`.", ""]
     lines += [_markdown_row(head), _markdown_row(["---"] * len(head))]
     for row in table.rows:
         cells = [row.label, str(row.trials)]
-        for name in NAMES:
+        for name in table.show:
             cells += [rate_text(row.rate(name)), paper_text(row, name)]
         lines.append(_markdown_row(cells))
     for row in table.rows:
         if row.failure:
             lines += ["", f"**{row.label}: incomplete.** {row.failure}"]
+    if table.trials:
+        head, *body = trial_lines(table.trials)
+        lines += ["", "### Trials of the search", "", _markdown_row(head)]
+        lines += [_markdown_row(["---"] * len(head)), *(_markdown_row(line) for line in body)]
     lines += ["", "### Overall rate per object", "", *_markdown_objects(table)]
     lines += ["", "### Why grasps did not hold", "", *_markdown_reasons(table)]
     return "\n".join(lines) + "\n"
@@ -56,14 +62,14 @@ def to_latex(table: SweepTable) -> str:
     """A `tabular` for booktabs: ours with the interval, the paper's in brackets."""
     lines = [
         f"% {table.title}; sweep {table.id}, preset {table.preset}",
-        r"\begin{tabular}{lrlll}",
+        rf"\begin{{tabular}}{{lr{'l' * len(table.show)}}}",
         r"\toprule",
-        r"model & $n$ & valid & success & overall \\",
+        " & ".join(["model", "$n$", *table.show]) + r" \\",
         r"\midrule",
     ]
     for row in table.rows:
         cells = [_latex(row.label), str(row.trials)]
-        cells += [_latex_rate(row, name) for name in NAMES]
+        cells += [_latex_rate(row, name) for name in table.show]
         lines.append(" & ".join(cells) + r" \\")
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"]) + "\n"
 
@@ -76,6 +82,7 @@ def to_json(table: SweepTable) -> dict[str, Any]:
         "title": table.title,
         "preset": table.preset,
         "cells": {row.name: _json_row(row) for row in table.rows},
+        "search": {trial.name: dataclasses.asdict(trial) for trial in table.trials},
     }
 
 
@@ -84,12 +91,12 @@ def to_rich(table: SweepTable) -> Table:
     shown = Table(title=f"{table.title} ({table.preset})", title_justify="left")
     shown.add_column("model")
     shown.add_column("n", justify="right")
-    for name in NAMES:
+    for name in table.show:
         shown.add_column(f"{name} ± s.e.\n[95 %]")
         shown.add_column("paper")
     for row in table.rows:
         cells = [row.label, str(row.trials)]
-        for name in NAMES:
+        for name in table.show:
             cells += [rate_text(row.rate(name)).replace(" [", "\n["), paper_text(row, name)]
         shown.add_row(*(cell.replace("[", r"\[") for cell in cells))
     return shown

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import pandas as pd
 
 from dmfc.report.rates import Rate, Rates, concatenate, per_object, rates, reasons
+from dmfc.report.trials import SearchTrial
 
 NAMES = ("valid", "success", "overall")
 
@@ -54,16 +55,28 @@ class SweepTable:
     title: str
     preset: str
     rows: tuple[TableRow, ...]
+    show: tuple[str, ...] = NAMES
+    """Rates that a person is shown; files for machines have all."""
+    trials: tuple[SearchTrial, ...] = ()
+    """Of a search, in the order in which they were suggested."""
 
 
 def make_table(
-    cells: Sequence[CellRows], *, id: str, name: str, title: str, preset: str
+    cells: Sequence[CellRows],
+    *,
+    id: str,
+    name: str,
+    title: str,
+    preset: str,
+    show: Sequence[str] = NAMES,
+    trials: Sequence[SearchTrial] = (),
 ) -> SweepTable:
     """Pool the seeds of each cell and compute its rates."""
     grouped: dict[str, list[CellRows]] = {}
     for cell in cells:
         grouped.setdefault(cell.name, []).append(cell)
-    return SweepTable(id, name, title, preset, tuple(_row(group) for group in grouped.values()))
+    rows = tuple(_row(group) for group in grouped.values())
+    return SweepTable(id, name, title, preset, rows, tuple(show), tuple(trials))
 
 
 def _row(group: Sequence[CellRows]) -> TableRow:

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import json
+import os
+import platform
 import time
 import uuid
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+ATTEMPT = "attempt.json"
 PROGRESS_SECONDS = 0.5
 """Least time between two writes of a stage's progress."""
 
@@ -67,6 +71,20 @@ def read_progress(work: Path) -> tuple[float, str]:
     except (FileNotFoundError, json.JSONDecodeError):
         return 0.0, ""
     return float(told["fraction"]), str(told["message"])
+
+
+def tell_attempt(work: Path, attempt: str, started: datetime) -> None:
+    """Say that a process has begun this stage: which attempt, where and when."""
+    told = {"attempt": attempt, "host": platform.node(), "pid": os.getpid()}
+    write_json(work / ATTEMPT, {**told, "started": started.timestamp()})
+
+
+def read_attempt(work: Path) -> dict[str, Any]:
+    """What was last told by `tell_attempt`; empty if no process has begun this stage."""
+    try:
+        return json.loads((work / ATTEMPT).read_text())
+    except FileNotFoundError:
+        return {}
 
 
 def write_json(path: Path, value: Any) -> None:

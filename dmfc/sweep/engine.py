@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import heapq
-import subprocess
+import time
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 from typing import Protocol
 
 from dmfc.config.schema import Config
+from dmfc.config.sweep import StageLimits
+from dmfc.sweep.context import read_attempt
 from dmfc.sweep.kinds import KINDS, Registry, kind_of
 from dmfc.sweep.ledger import Ledger
 from dmfc.sweep.pools import LocalPool, Pool, RayPool
+from dmfc.sweep.provenance import git_commit
 from dmfc.sweep.stage import Stage, closure
-from dmfc.sweep.worker import Job, Outcome
+from dmfc.sweep.worker import Job, Outcome, give_up
 
 POLL_SECONDS = 0.5
 
@@ -55,13 +57,15 @@ def run_stages(
     targets = list(targets)
     needed = unfinished(targets, ledger)
     outcomes: Outcomes = {
-        stage.address: Outcome("done")
+        stage.address: _known(stage, ledger, kinds)
         for stage in closure(targets)
         if stage.address not in needed and ledger.finished(stage.address)
     }
     if not needed:
         return outcomes
     ledger.prepare()
+    # A time limit is kept by ending the process of a stage, which must not be this one.
+    local = local and not any(_limits(stage, config, kinds).seconds for stage in needed.values())
     pool: Pool = LocalPool(config.run) if local else RayPool(config.run)
     return _Drive(needed, ledger, config, pool, kinds, watcher, outcomes).run()
 
@@ -80,6 +84,16 @@ def unfinished(targets: Iterable[Stage], ledger: Ledger) -> dict[str, Stage]:
     for target in targets:
         visit(target)
     return found
+
+
+def _known(stage: Stage, ledger: Ledger, kinds: Registry) -> Outcome:
+    """The outcome of a stage that the ledger holds."""
+    failure = ledger.failure(stage.address) if kind_of(stage.kind, kinds).may_fail else None
+    return Outcome("done") if failure is None else Outcome("failed", failure, kept=True)
+
+
+def _limits(stage: Stage, config: Config, kinds: Registry) -> StageLimits:
+    return kind_of(stage.kind, kinds).limits(config)
 
 
 class _Drive:
@@ -121,6 +135,7 @@ class _Drive:
                 self._submit()
                 for job, outcome in self.pool.wait(POLL_SECONDS):
                     self._settle(job, outcome)
+                self._stop_overdue()
                 if self.watcher:
                     self.watcher.tick(list(self.running.values()))
             abandon = False
@@ -147,20 +162,34 @@ class _Drive:
     def _settle(self, job: Job, outcome: Outcome) -> None:
         del self.running[job.address]
         if outcome.status == "died":
-            self.attempts[job.address] = self.attempts.get(job.address, 0) + 1
-            if self.attempts[job.address] <= self.config.run.retries:
+            tries = self.attempts[job.address] = self.attempts.get(job.address, 0) + 1
+            stage = self.needed[job.address]
+            if tries <= _limits(stage, self.config, self.kinds).retries:
                 heapq.heappush(self.ready, self._entry(job.address))
                 return
-            tries = self.attempts[job.address]
-            outcome = Outcome("failed", f"{outcome.reason}; {tries} attempts (run.retries)")
+            reason = f"{outcome.reason}; {tries} attempts (run.retries)"
+            outcome = self._failed(job, reason)
         self._finish(job.address, outcome)
         for user in self.users[job.address]:
-            if outcome.ok:
+            if outcome.ok or outcome.kept:
                 self.waiting_for[user].discard(job.address)
                 if not self.waiting_for[user] and user not in self.outcomes:
                     heapq.heappush(self.ready, self._entry(user))
             else:
                 self._block(user, f"needs {self.needed[job.address].name}: {outcome.reason}")
+
+    def _stop_overdue(self) -> None:
+        """End the stages that have taken longer than their limit."""
+        for job in [job for job in self.running.values() if job.seconds]:
+            told = read_attempt(self.ledger.work(job.address))
+            if told.get("attempt") == job.attempt and time.time() - told["started"] > job.seconds:
+                self.pool.cancel(job)
+                reason = f"took longer than {job.seconds:g} s (run.{job.kind}.seconds)"
+                self._settle(job, self._failed(job, reason))
+
+    def _failed(self, job: Job, reason: str) -> Outcome:
+        outcome = Outcome("failed", reason)
+        return give_up(job, self.ledger, outcome) if job.may_fail else outcome
 
     def _block(self, address: str, reason: str) -> None:
         """Mark the stage and all that needs it; the reason stays that of the first cause."""
@@ -178,6 +207,7 @@ class _Drive:
 
     def _job(self, stage: Stage) -> Job:
         kind = kind_of(stage.kind, self.kinds)
+        limits = kind.limits(self.config)
         return Job(
             store=str(self.ledger.store),
             kind=stage.kind,
@@ -187,8 +217,12 @@ class _Drive:
             entry=kind.entry,
             config=dict(stage.config),
             input_keys=stage.input_keys,
-            cpus=min(kind.cpus(self.config), self.pool.cpus),
-            gpus=kind.gpus(self.config),
+            cpus=min(limits.cpus, self.pool.cpus),
+            gpus=limits.gpus,
+            memory_gb=limits.memory_gb,
+            seconds=limits.seconds,
+            may_fail=kind.may_fail,
+            system_seconds=self.config.run.system_seconds,
             commit=self.commit,
             hints=dict(stage.hints),
         )
@@ -200,19 +234,3 @@ def _ranks(needed: dict[str, Stage], users: dict[str, list[str]]) -> dict[str, t
     for address in reversed(list(needed)):
         height[address] = 1 + max((height[user] for user in users[address]), default=0)
     return {address: (-height[address], place) for place, address in enumerate(needed)}
-
-
-def git_commit() -> str:
-    """The commit of the checkout that this code is in; empty where it is in none."""
-    try:
-        answer = subprocess.run(
-            ["git", "describe", "--always", "--dirty", "--abbrev=40"],
-            cwd=Path(__file__).parent,
-            capture_output=True,
-            text=True,
-            timeout=10,
-            check=False,
-        )
-    except (OSError, subprocess.TimeoutExpired):
-        return ""
-    return answer.stdout.strip() if answer.returncode == 0 else ""

@@ -9,9 +9,11 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, TypeVar
 
 from dmfc.config.losses import LossWeights, Q1Config
+from dmfc.config.protocol import executed
 from dmfc.config.scenes import SceneSetConfig
 from dmfc.config.schema import Config
 from dmfc.errors import DmfcError
@@ -20,6 +22,8 @@ from dmfc.sweep.kinds import KINDS, Registry, kind_of
 from dmfc.sweep.stage import Stage
 
 T = TypeVar("T")
+WEIGHTS = "weights.safetensors"
+"""The file by which a trained model is known."""
 Inputs = dict[str, Stage | tuple[Stage, ...]]
 
 
@@ -45,6 +49,11 @@ class CellStages:
     evaluations: tuple[Stage, ...]
     """One per shard of test scenes."""
 
+    @property
+    def last(self) -> tuple[Stage, ...]:
+        """Those that no other stage of the cell uses."""
+        return self.evaluations or ((self.model,) if self.model else ())
+
 
 def without(settings: T, *fields: str) -> T:
     """`settings` with those fields back at their defaults."""
@@ -61,8 +70,15 @@ def without(settings: T, *fields: str) -> T:
 class GraphBuilder:
     """Builds stages from settings; equal settings give stages with equal keys."""
 
-    def __init__(self, list_objects: ObjectLister, kinds: Registry = KINDS) -> None:
+    def __init__(
+        self,
+        list_objects: ObjectLister,
+        kinds: Registry = KINDS,
+        grasp_files: Mapping[str, Path] | None = None,
+    ) -> None:
+        """`grasp_files`: grasp sets that are taken as they are, by the id of their object."""
         self._list_objects, self._kinds = list_objects, kinds
+        self._grasp_files = grasp_files or {}
         self._listed: dict[tuple[str, ...], list[ObjectRef]] = {}
 
     def stage(
@@ -82,21 +98,8 @@ class GraphBuilder:
         return self.stage("hand", config.hand.name, {"hand": config.hand})
 
     def objects(self, config: Config, split: str) -> tuple[Stage, ...]:
-        """The prepared objects of a split ('train' or 'test').
-
-        Raises DmfcError if the split is empty, or an object is in both.
-        """
-        train = self._select(config.objects.train, "objects.train")
-        if config.objects.max_train:
-            train = train[: config.objects.max_train]
-        test = self._select(config.objects.test, "objects.test")
-        shared = {ref.id for ref in train} & {ref.id for ref in test}
-        if shared:
-            raise DmfcError(
-                f"'{min(shared)}' is in objects.train and in objects.test: a model must not be "
-                "tested on what it was trained on"
-            )
-        return self._objects(config, train if split == "train" else test)
+        """The prepared objects of a split: train, validation or test. DmfcError if it is empty."""
+        return self._objects(config, self._split(config, split))
 
     def selected_objects(self, config: Config, selectors: Sequence[str]) -> tuple[Stage, ...]:
         """The prepared objects that the user's own selectors name."""
@@ -108,8 +111,10 @@ class GraphBuilder:
 
     def grasps_of(self, config: Config, obj: Stage) -> Stage:
         """The grasps of one prepared object: planned, or those of the library."""
-        if config.grasps.source == "library":
+        path = self._grasp_files.get(obj.name)
+        if path is None and config.grasps.source == "library":
             path = library_file(config.hand.name, obj.name)
+        if path is not None:
             taken = {
                 "library": file_digest(path),
                 "object": obj.name,
@@ -127,9 +132,12 @@ class GraphBuilder:
 
     def scenes(self, config: Config, split: str) -> tuple[Stage, ...]:
         """The shards of a scene set."""
-        chosen: SceneSetConfig = getattr(config.scenes, split)
+        chosen: SceneSetConfig = (
+            config.validation.scenes if split == "validation" else getattr(config.scenes, split)
+        )
+        setting = "validation.scenes" if split == "validation" else f"scenes.{split}"
         if chosen.count < 1:
-            raise DmfcError(f"scenes.{split}.count is {chosen.count}: no scenes to make")
+            raise DmfcError(f"{setting}.count is {chosen.count}: no scenes to make")
         size = max(1, config.scenes.shard_size)
         scenes = without(config.scenes, "train", "test", "shard_size", "augmentation")
         inputs: Inputs = {
@@ -137,6 +145,8 @@ class GraphBuilder:
             "objects": self.objects(config, split),
             "grasps": self.grasps(config, split),
         }
+        # Training goes on without an object that fails; a test without one is another test.
+        hints = {"lacking": "allowed"} if split == "train" else {}
         return tuple(
             self.stage(
                 "scenes",
@@ -148,6 +158,7 @@ class GraphBuilder:
                     "stop": min(start + size, chosen.count),
                 },
                 inputs,
+                hints,
             )
             for start in range(0, chosen.count, size)
         )
@@ -161,7 +172,7 @@ class GraphBuilder:
             q1_upper=0.0,
             confidence=config.losses.weights.confidence,
         )
-        losses = dataclasses.replace(without(config.losses, "q1"), weights=weights)
+        losses = dataclasses.replace(without(config.losses, "q1", "q1_lower"), weights=weights)
         settings = {
             **self._learning(config),
             "losses": losses,
@@ -180,19 +191,30 @@ class GraphBuilder:
         inputs: Inputs = {**self._learning_inputs(config), "weights": self.pretrain(config)}
         return self.stage("finetune", f"{name} seed {config.training.seed}", settings, inputs)
 
-    def cell(self, config: Config, model: str, name: str) -> CellStages:
-        """The stages of a cell whose `model` is pretrained, finetuned, planner or random."""
+    def cell(
+        self, config: Config, model: str, name: str, checkpoint: Path | None = None
+    ) -> CellStages:
+        """The stages of a cell whose `model` is pretrained, finetuned, planner or random.
+
+        With a `checkpoint`, the folder of a trained model, that one is executed.
+        Raises DmfcError where a model would be tested on an object that it was trained on.
+        """
         trained: Stage | None = None
+        hints: dict[str, str] = {}
         if model == "pretrained":
             trained = self.pretrain(config)
         elif model == "finetuned":
             trained = self.finetune(config, name)
+        under = executed(config)
         settings = {
-            "row": "model" if trained else model,
-            "hand": config.hand,
-            "execution": config.execution,
-            "physics": config.physics,
+            "row": "model" if trained or checkpoint else model,
+            "hand": under.hand,
+            "execution": without(under.execution, "protocol", "changes"),
+            "physics": under.physics,
         }
+        if checkpoint:
+            settings["weights"] = file_digest(checkpoint / WEIGHTS)
+            hints["weights"] = str(checkpoint)
         inputs: Inputs = {
             "hand": self.hand(config),
             "objects": self.objects(config, "test"),
@@ -210,14 +232,16 @@ class GraphBuilder:
                     f"{name}:{place} seed {config.execution.seed}",
                     settings,
                     {**inputs, "scenes": shard},
+                    hints,
                 )
                 for place, shard in enumerate(shards)
             ),
         )
 
     def _learning(self, config: Config) -> dict[str, Any]:
-        """Settings that both stages of training depend on."""
-        return {
+        """Settings that both stages of training depend on; validation where there is any."""
+        validation = {"validation": config.validation} if config.validation.objects else {}
+        return validation | {
             "hand": config.hand,
             "network": config.network,
             "matching": config.matching,
@@ -225,12 +249,30 @@ class GraphBuilder:
         }
 
     def _learning_inputs(self, config: Config) -> Inputs:
-        return {
+        tested = {ref.id for ref in self._split(config, "test")}
+        shared = tested & {ref.id for ref in self._split(config, "train")}
+        if shared:
+            raise DmfcError(
+                f"'{min(shared)}' is in objects.train and in objects.test: a model must not be "
+                "tested on what it was trained on"
+            )
+        inputs: Inputs = {
             "hand": self.hand(config),
             "objects": self.objects(config, "train"),
             "grasps": self.grasps(config, "train"),
             "scenes": self.scenes(config, "train"),
         }
+        if config.validation.objects:
+            held_out = {ref.id for ref in self._split(config, "validation")}
+            shared = held_out & (tested | {ref.id for ref in self._split(config, "train")})
+            if shared:
+                raise DmfcError(
+                    f"'{min(shared)}' is in validation.objects and in objects.train or "
+                    "objects.test: validation needs objects of its own"
+                )
+            for part in ("objects", "grasps", "scenes"):
+                inputs[f"validation_{part}"] = getattr(self, part)(config, "validation")
+        return inputs
 
     def _objects(self, config: Config, refs: Sequence[ObjectRef]) -> tuple[Stage, ...]:
         prepare = config.objects.prepare
@@ -243,6 +285,13 @@ class GraphBuilder:
             )
             for ref in refs
         )
+
+    def _split(self, config: Config, split: str) -> list[ObjectRef]:
+        if split == "validation":
+            return self._select(config.validation.objects, "validation.objects")
+        found = self._select(getattr(config.objects, split), f"objects.{split}")
+        wanted = config.objects.max_train if split == "train" else 0
+        return found[:wanted] if wanted else found
 
     def _select(self, selectors: Sequence[str], key: str) -> list[ObjectRef]:
         wanted = tuple(selectors)

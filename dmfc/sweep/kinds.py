@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from dmfc.config.schema import Config
+from dmfc.config.sweep import StageLimits
 from dmfc.errors import unknown_name
 
 
@@ -31,6 +33,7 @@ class StageKind:
 
     `entry` is 'package.module:function', imported in the worker alone. Raise `version` when a
     change of the code changes what the stage writes: what the old code made is then made again.
+    A kind that `may_fail` is finished by a failure too: those that use it must look.
     """
 
     name: str
@@ -38,6 +41,17 @@ class StageKind:
     version: int
     cpus: Callable[[Config], int] = _one_cpu
     gpus: Callable[[Config], float] = _no_gpu
+    may_fail: bool = False
+
+    def limits(self, config: Config) -> StageLimits:
+        """The settings `run.<kind>`, with what the kind itself wants where they say nothing."""
+        given: StageLimits = getattr(config.run, self.name, StageLimits())
+        return dataclasses.replace(
+            given,
+            cpus=given.cpus or self.cpus(config),
+            gpus=given.gpus or self.gpus(config),
+            retries=config.run.retries if given.retries < 0 else given.retries,
+        )
 
 
 Registry = Mapping[str, StageKind]
@@ -50,24 +64,24 @@ def registry(*kinds: StageKind) -> dict[str, StageKind]:
 
 KINDS: Registry = registry(
     StageKind("hand", "dmfc.sweep.stages:make_hand", version=1),
-    StageKind("object", "dmfc.sweep.stages:prepare_object", version=1),
-    StageKind("grasps", "dmfc.sweep.stages:plan_grasps", version=1),
-    StageKind("scenes", "dmfc.sweep.stages:make_scenes", version=1),
+    StageKind("object", "dmfc.sweep.stages:prepare_object", version=1, may_fail=True),
+    StageKind("grasps", "dmfc.sweep.stages:plan_grasps", version=3, may_fail=True),
+    StageKind("scenes", "dmfc.sweep.stages:make_scenes", version=2),
     StageKind(
         "pretrain",
         "dmfc.sweep.stages:pretrain",
-        version=1,
+        version=2,
         cpus=_training_cpus,
         gpus=_training_gpus,
     ),
     StageKind(
         "finetune",
         "dmfc.sweep.stages:finetune",
-        version=1,
+        version=2,
         cpus=_training_cpus,
         gpus=_training_gpus,
     ),
-    StageKind("evaluate", "dmfc.sweep.stages:evaluate", version=1),
+    StageKind("evaluate", "dmfc.sweep.stages:evaluate", version=6),
 )
 
 

@@ -1,7 +1,9 @@
 """The ledger: finished stages as folders `<store>/stages/<kind>/<key>/`, each with a `stage.json`.
 
 A stage is finished if and only if its `stage.json` is there. It is written last, in a temporary
-folder that is then renamed, so a stage is never half there, whatever dies.
+folder that is then renamed, so a stage is never half there, whatever dies. It holds the digests of
+the other files. A stage whose function cannot succeed (an object that cannot be repaired) may be
+finished too, with a `failure.json` in place of its outputs: users read it and go on without.
 """
 
 from __future__ import annotations
@@ -18,9 +20,11 @@ from filelock import FileLock
 
 from dmfc.errors import DmfcError
 from dmfc.sweep.context import write_json
+from dmfc.sweep.digest import RECORD, folder_digests
 
-RECORD = "stage.json"
-RECORD_VERSION = 1
+FAILURE = "failure.json"
+RECORD_VERSION = 2
+"""1 lacked `files`, the digests."""
 
 
 class Ledger:
@@ -56,16 +60,21 @@ class Ledger:
 
     def record(self, address: str) -> dict[str, Any]:
         """What `stage.json` of a finished stage says."""
-        path = self.folder(address) / RECORD
-        try:
-            return json.loads(path.read_text())
-        except (OSError, json.JSONDecodeError) as error:
-            raise DmfcError(f"the record '{path}' cannot be read: {error}") from error
+        return read_record(self.folder(address))
+
+    def failure(self, address: str) -> str | None:
+        """Why a finished stage has a failure in place of its outputs; None if it has outputs."""
+        return failure_in(self.folder(address))
+
+    def addresses(self, kind: str = "*") -> Iterator[str]:
+        """The finished stages, of one kind or of all."""
+        for path in sorted((self.store / "stages").glob(f"{kind}/*/{RECORD}")):
+            yield f"{path.parent.parent.name}/{path.parent.name}"
 
     def records(self, kind: str) -> Iterator[dict[str, Any]]:
         """The records of all finished stages of one kind."""
-        for path in sorted((self.store / "stages" / kind).glob(f"*/{RECORD}")):
-            yield self.record(f"{kind}/{path.parent.name}")
+        for address in self.addresses(kind):
+            yield self.record(address)
 
     @contextmanager
     def claim(self, address: str) -> Iterator[Path | None]:
@@ -73,9 +82,7 @@ class Ledger:
 
         Blocks while another process holds it; a lock is freed by its holder's death.
         """
-        lock = self.store / "locks" / f"{address.replace('/', '-')}.lock"
-        lock.parent.mkdir(parents=True, exist_ok=True)
-        with FileLock(lock):
+        with self.lock(address):
             if self.finished(address):
                 yield None
                 return
@@ -91,12 +98,49 @@ class Ledger:
     def commit(self, address: str, record: dict[str, Any]) -> None:
         """Turn the claimed, filled folder into the finished stage. Call inside `claim`."""
         partial, final = self._partial(address), self.folder(address)
-        write_json(partial / RECORD, {"version": RECORD_VERSION, **record})
+        files = folder_digests(partial)
+        write_json(partial / RECORD, {"version": RECORD_VERSION, **record, "files": files})
         if final.exists():  # left by something that is no ledger: it has no record
             shutil.rmtree(final)
         partial.rename(final)
         shutil.rmtree(self.work(address), ignore_errors=True)
 
+    def commit_failure(self, address: str, record: dict[str, Any], reason: str) -> None:
+        """Finish the claimed stage with a failure in place of outputs. Call inside `claim`."""
+        partial = self._partial(address)
+        shutil.rmtree(partial)
+        partial.mkdir()
+        write_json(partial / FAILURE, {"reason": reason})
+        self.commit(address, record)
+
+    def lock(self, address: str) -> FileLock:
+        """The lock of one stage."""
+        path = self.store / "locks" / f"{address.replace('/', '-')}.lock"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return FileLock(path)
+
+    def remove(self, address: str) -> None:
+        """Forget a finished stage, whole: it is renamed first. Hold its lock."""
+        doomed = self._partial(address)
+        shutil.rmtree(doomed, ignore_errors=True)
+        self.folder(address).rename(doomed)
+        shutil.rmtree(doomed)
+
     def _partial(self, address: str) -> Path:
         kind, key = address.split("/")
         return self.store / "stages" / kind / f".partial-{key}"
+
+
+def read_record(folder: Path) -> dict[str, Any]:
+    """What the `stage.json` in a finished stage's folder says."""
+    path = folder / RECORD
+    try:
+        return json.loads(path.read_text())
+    except (OSError, json.JSONDecodeError) as error:
+        raise DmfcError(f"the record '{path}' cannot be read: {error}") from error
+
+
+def failure_in(folder: Path) -> str | None:
+    """The reason in a finished stage's folder; None if it has outputs."""
+    path = folder / FAILURE
+    return str(json.loads(path.read_text())["reason"]) if path.is_file() else None

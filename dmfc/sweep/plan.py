@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from dmfc.config.schema import Config
 from dmfc.sweep.context import write_json
 from dmfc.sweep.graph import CellStages, GraphBuilder
 from dmfc.sweep.ledger import Ledger
-from dmfc.sweep.stage import Stage, plain
+from dmfc.sweep.stage import Stage, closure, plain
 from dmfc.sweep.sweep_file import Cell, Sweep, cell_config
 
 
@@ -28,28 +28,48 @@ class CellPlan:
 
     @property
     def trials(self) -> int:
-        """K x scenes: the denominator of its rates, whatever becomes of its stages."""
+        """K x scenes: the denominator of its rates, whatever becomes of its stages; 0: a trial."""
+        if self.cell.objective:
+            return 0
         return self.config.execution.grasps_per_scene * self.config.scenes.test.count
+
+    @property
+    def identity(self) -> list[Any]:
+        """What it computes, under which name."""
+        return [self.cell.name, self.seed, [stage.key for stage in self.stages.evaluations]]
 
 
 @dataclass(frozen=True)
 class SweepPlan:
-    """Everything a sweep will compute."""
+    """Everything a sweep will compute; of a search, what is known of it yet."""
 
     sweep: Sweep
     preset: str | None
     cells: tuple[CellPlan, ...]
+    identity: Any = None
+    """What the id is made of; None: the cells."""
+    search: Mapping[str, Any] = field(default_factory=dict)
+    """Of a search: objective, space, trials wanted, the settings of each so far, the best one."""
+    given_up: frozenset[str] = frozenset()
+    """Stages that failed before the plan grew, and are not tried again in this call."""
+    grow: Callable[[Collection[str]], SweepPlan | None] = lambda failed: None
+    """The next plan of a search once the targets are done, but for the `failed`; None: finished."""
 
     @property
     def id(self) -> str:
         """Name and a hash of what it computes: the same sweep has the same id on any machine."""
-        text = json.dumps([_cell_identity(plan) for plan in self.cells], sort_keys=True)
+        identity = self.identity or [plan.identity for plan in self.cells]
+        text = json.dumps(identity, sort_keys=True)
         return f"{self.sweep.name}-{hashlib.sha256(text.encode()).hexdigest()[:10]}"
 
     @property
     def targets(self) -> list[Stage]:
-        """The stages that nothing else in the sweep uses."""
-        return [stage for plan in self.cells for stage in plan.stages.evaluations]
+        """The stages that nothing else in the sweep uses, less those that are given up."""
+        return [stage for stage in self._last if stage.address not in self.given_up]
+
+    @property
+    def _last(self) -> list[Stage]:
+        return [stage for plan in self.cells for stage in plan.stages.last]
 
     @property
     def config(self) -> Config:
@@ -76,26 +96,52 @@ class SweepPlan:
             "title": self.sweep.title,
             "file": str(self.sweep.path),
             "preset": self.preset,
+            "baseline": self.sweep.baseline,
+            "show": list(self.sweep.show),
+            **({"search": dict(self.search)} if self.search else {}),
             "cells": [_describe_cell(plan) for plan in self.cells],
+            "stages": {stage.address: stage.name for stage in closure(self._last)},
         }
 
 
 def plan_sweep(
-    sweep: Sweep, builder: GraphBuilder, preset: str | None, overrides: Sequence[str] = ()
+    sweep: Sweep,
+    builder: GraphBuilder,
+    preset: str | None,
+    overrides: Sequence[str] = (),
+    ledger: Ledger | None = None,
 ) -> SweepPlan:
-    """Resolve every cell at every seed. Raises DmfcError on the first setting that is wrong."""
+    """Resolve every cell at every seed. Raises DmfcError on the first setting that is wrong.
 
-    def plans() -> Iterator[CellPlan]:
-        for seed in sweep.seeds:
-            for cell in sweep.cells:
-                config = cell_config(sweep, cell, seed, preset, overrides)
-                yield CellPlan(cell, seed, config, builder.cell(config, cell.model, cell.name))
+    A search needs the `ledger` too: what it tries next depends on what it has found.
+    """
+    if sweep.search is not None:
+        from dmfc.sweep.search_plan import SearchPlanner
 
-    return SweepPlan(sweep, preset, tuple(plans()))
+        assert ledger is not None, "a search is planned with its ledger"
+        return SearchPlanner(sweep, builder, preset, overrides, ledger).now()
+    cells = [
+        plan_cell(sweep, cell, seed, builder, preset, overrides)
+        for seed in sweep.seeds
+        for cell in sweep.cells
+    ]
+    return SweepPlan(sweep, preset, tuple(cells))
 
 
-def _cell_identity(plan: CellPlan) -> list[Any]:
-    return [plan.cell.name, plan.seed, [stage.key for stage in plan.stages.evaluations]]
+def plan_cell(
+    sweep: Sweep,
+    cell: Cell,
+    seed: int,
+    builder: GraphBuilder,
+    preset: str | None,
+    overrides: Sequence[str],
+) -> CellPlan:
+    """Resolve one cell at one seed."""
+    config = cell_config(sweep, cell, seed, preset, overrides)
+    stages = builder.cell(config, cell.model, cell.name)
+    if cell.objective:
+        stages = replace(stages, evaluations=())
+    return CellPlan(cell, seed, config, stages)
 
 
 def _describe_cell(plan: CellPlan) -> dict[str, Any]:
@@ -104,14 +150,32 @@ def _describe_cell(plan: CellPlan) -> dict[str, Any]:
         "label": plan.cell.label,
         "kind": plan.cell.model,
         "paper": {name: list(pair) for name, pair in plan.cell.paper.items()},
+        "objective": dict(plan.cell.objective),
         "seed": plan.seed,
         "trials": plan.trials,
         "grasps_per_scene": plan.config.execution.grasps_per_scene,
         "model": plan.stages.model.address if plan.stages.model else None,
         "pretrain": _pretraining(plan.stages.model),
         "evaluations": [stage.address for stage in plan.stages.evaluations],
+        "data": _data(plan),
         "config": plain(plan.config),
     }
+
+
+def _data(plan: CellPlan) -> list[dict[str, Any]]:
+    """The scene sets that a cell learns from and is tested on, by their stages."""
+    shards: dict[str, list[str]] = {"training": [], "testing": []}
+    for stage in (plan.stages.model, *plan.stages.evaluations):
+        scenes = stage.inputs.get("scenes", ()) if stage else ()
+        context = "training" if stage is plan.stages.model else "testing"
+        for shard in scenes if isinstance(scenes, tuple) else (scenes,):
+            shards[context].append(shard.address)
+    kinds = {"training": plan.config.scenes.train.kind, "testing": plan.config.scenes.test.kind}
+    return [
+        {"context": context, "name": f"{kinds[context]} scenes", "stages": addresses}
+        for context, addresses in shards.items()
+        if addresses
+    ]
 
 
 def _pretraining(model: Stage | None) -> str | None:

@@ -37,14 +37,7 @@ class Stage:
     @cached_property
     def key(self) -> str:
         """Hash of kind, version, settings and the keys of the inputs."""
-        identity = {
-            "kind": self.kind,
-            "version": self.version,
-            "config": plain(self.config),
-            "inputs": self.input_keys,
-        }
-        text = json.dumps(identity, sort_keys=True, separators=(",", ":"), allow_nan=False)
-        return hashlib.sha256(text.encode()).hexdigest()[:KEY_LENGTH]
+        return key_of(self.kind, self.version, plain(self.config), self.input_keys)
 
     @cached_property
     def input_keys(self) -> dict[str, Any]:
@@ -83,6 +76,13 @@ def closure(targets: Iterable[Stage]) -> list[Stage]:
             stack.append((stage, True))
             stack.extend((parent, False) for parent in reversed(stage.parents))
     return list(ordered.values())
+
+
+def key_of(kind: str, version: int, config: Any, inputs: Any) -> str:
+    """The hash of what makes a stage what it is, from `plain` settings and its inputs' keys."""
+    identity = {"kind": kind, "version": version, "config": config, "inputs": inputs}
+    text = json.dumps(identity, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()[:KEY_LENGTH]
 
 
 def plain(value: Any) -> Any:

@@ -5,21 +5,23 @@ Heavy imports are inside the functions, so that a worker loads only what its sta
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from dmfc.errors import DmfcError
 from dmfc.sweep.context import StageContext, write_json
+from dmfc.sweep.ledger import failure_in, read_record
 
 if TYPE_CHECKING:
     from dmfc.execution.evaluate import Evaluation
     from dmfc.grasps.grasp_set import GraspSet
     from dmfc.hand.model import HandModel
+    from dmfc.losses.atlas import ObjectAtlas
     from dmfc.objects.model import ObjectModel
 
 HAND, OBJECT, GRASPS, SCENES = "hand.npz", "object.npz", "grasps.parquet", "scenes.parquet"
-TRIALS = "trials.parquet"
 
 
 def make_hand(ctx: StageContext) -> None:
@@ -30,14 +32,14 @@ def make_hand(ctx: StageContext) -> None:
 
 
 def prepare_object(ctx: StageContext) -> None:
-    """object: `object.npz`."""
+    """object: `object.npz`. May fail: then a `failure.json` is there instead."""
     from dmfc.objects.prepare import prepare_to
 
     prepare_to(ctx.hints["selector"], ctx.config["prepare"], ctx.out / OBJECT)
 
 
 def plan_grasps(ctx: StageContext) -> None:
-    """grasps: `grasps.parquet`; an object that cannot be grasped has an empty set."""
+    """grasps: `grasps.parquet`; an object that cannot be grasped has an empty set. May fail."""
     if "library" in ctx.config:
         _take_grasps(ctx)
         return
@@ -45,8 +47,9 @@ def plan_grasps(ctx: StageContext) -> None:
     from dmfc.hand.description import load_description
     from dmfc.objects.model import ObjectModel
 
+    (folder,) = whole([ctx.input("object")])
     found = plan(
-        ObjectModel.load(ctx.input("object") / OBJECT),
+        ObjectModel.load(folder / OBJECT),
         _hand(ctx),
         load_description(ctx.config["hand"].name),
         ctx.config["grasps"],
@@ -54,7 +57,7 @@ def plan_grasps(ctx: StageContext) -> None:
         ctx.config["q1"],
         ctx.progress,
     )
-    found.notes["object_digest"] = _record(ctx.input("object"))["digest"]
+    found.notes["object_digest"] = _record(folder)["digest"]
     found.save(ctx.out / GRASPS)
 
 
@@ -70,9 +73,11 @@ def _take_grasps(ctx: StageContext) -> None:
     name = ctx.config["object"]
     if file_digest(path) != ctx.config["library"]:
         raise DmfcError(f"{path} has changed since the sweep began: run it again")
-    if found.object_id != name or found.notes.get("object_digest") != ctx.config["digest"]:
+    # A set from elsewhere does not say which mesh it was made for.
+    mesh = found.notes.get("object_digest", ctx.config["digest"])
+    if found.object_id != name or mesh != ctx.config["digest"]:
         raise DmfcError(
-            f"the library's grasps of '{name}' were planned for another mesh: "
+            f"the grasps of '{name}' in {path} were planned for another mesh: "
             "set grasps.source=plan to plan them anew"
         )
     shutil.copyfile(path, ctx.out / GRASPS)
@@ -80,21 +85,20 @@ def _take_grasps(ctx: StageContext) -> None:
 
 def _record(folder: Path) -> dict[str, Any]:
     """The settings with which a finished stage was run."""
-    import json
-
-    return json.loads((folder / "stage.json").read_text())["config"]
+    return read_record(folder)["config"]
 
 
 def make_scenes(ctx: StageContext) -> None:
     """scenes: `scenes.parquet` and `counts.json`."""
     from dmfc.scenes.make import make_scene_file
 
+    given = whole if ctx.hints.get("lacking") != "allowed" else present
     counts = make_scene_file(
         ctx.config["scenes"],
         ctx.config["set"],
         range(ctx.config["start"], ctx.config["stop"]),
-        _Objects(ctx.input_list("objects")),
-        _grasp_sets(ctx.input_list("grasps")),
+        _Objects(given(ctx.input_list("objects"))),
+        _grasp_sets(given(ctx.input_list("grasps"))),
         _hand(ctx),
         ctx.out / SCENES,
         ctx.progress,
@@ -119,13 +123,18 @@ def finetune(ctx: StageContext) -> None:
 
 
 def evaluate(ctx: StageContext) -> None:
-    """evaluate: `trials.parquet`, a row per trial of a shard of test scenes."""
+    """evaluate: `trials.parquet` and `diversity.parquet` of a shard of test scenes."""
     from dmfc.execution.evaluate import evaluate_shard
 
-    evaluate_shard(evaluation_of(ctx.config, ctx.inputs), ctx.out / TRIALS, ctx.progress)
+    evaluation = evaluation_of(ctx.config, ctx.inputs, ctx.hints)
+    evaluate_shard(evaluation, ctx.out, ctx.progress)
 
 
-def evaluation_of(config: Mapping[str, Any], inputs: Mapping[str, Path | list[Path]]) -> Evaluation:
+def evaluation_of(
+    config: Mapping[str, Any],
+    inputs: Mapping[str, Path | list[Path]],
+    hints: Mapping[str, str],
+) -> Evaluation:
     """What an evaluation stage executes, from its settings and the folders of its inputs."""
     from dmfc.execution.evaluate import Evaluation
     from dmfc.hand.description import load_description
@@ -141,15 +150,24 @@ def evaluation_of(config: Mapping[str, Any], inputs: Mapping[str, Path | list[Pa
     def several(name: str) -> list[Path]:
         folders = inputs[name]
         assert isinstance(folders, list)
-        return folders
+        return whole(folders)
 
-    hand, row = HandModel.load(one("hand") / HAND), config["row"]
+    row = config["row"]
+    hand = dataclasses.replace(
+        HandModel.load(one("hand") / HAND),
+        opening=config["hand"].opening,
+        squeeze=config["hand"].squeeze,
+    )
+    network = None
+    if row == "model":
+        weights = Path(hints["weights"]) if "weights" in config else one("model")
+        network = load_network(weights, hand)
     return Evaluation(
         row=row,
         scenes=SceneSet.open([one("scenes") / SCENES]),
         objects=_Objects(several("objects")),
         grasps=_grasp_sets(several("grasps")) if row == "planner" else None,
-        network=load_network(one("model"), hand) if row == "model" else None,
+        network=network,
         hand=hand,
         description=load_description(config["hand"].name),
         physics=config["physics"],
@@ -181,6 +199,22 @@ class _Objects(Mapping[str, "ObjectModel"]):
         return len(self._folders)
 
 
+def whole(folders: list[Path]) -> list[Path]:
+    """The folders, if all have outputs. Raises DmfcError naming the first that failed."""
+    for folder in folders:
+        reason = failure_in(folder)
+        if reason is not None:
+            record = read_record(folder)
+            raise DmfcError(f"{record['kind']} {record['name']} failed: {reason}")
+    return folders
+
+
+def present(folders: list[Path]) -> list[Path]:
+    """The folders that have outputs. Raises DmfcError where none has."""
+    found = [folder for folder in folders if failure_in(folder) is None]
+    return found or whole(folders)
+
+
 def _hand(ctx: StageContext) -> HandModel:
     from dmfc.hand.model import HandModel
 
@@ -195,28 +229,66 @@ def _grasp_sets(folders: list[Path]) -> dict[str, GraspSet]:
 
 
 def _train(ctx: StageContext, stage: Literal["pretrain", "finetune"], weights: Path | None) -> None:
-    from dmfc.losses.atlas import ObjectAtlas
+    from dmfc.config.validation import ValidationConfig
     from dmfc.scenes.dataset import SceneData
     from dmfc.scenes.scene_set import SceneSet
-    from dmfc.training.fit import FitConfig, fit
+    from dmfc.training.fit import fit
+    from dmfc.training.settings import FitConfig
 
     training = ctx.config["training"]
-    hand, objects = _hand(ctx), _Objects(ctx.input_list("objects"))
-    grasps = _grasp_sets(ctx.input_list("grasps"))
+    hand, atlas = training_geometry(ctx.inputs)
+    grasps = _grasp_sets(present(ctx.input_list("grasps")))
     if not any(len(found) for found in grasps.values()):
         raise DmfcError("no training object has a grasp: raise grasps.max_checks")
+    validated = "validation" in ctx.config
+    if validated:
+        grasps |= _grasp_sets(whole(ctx.input_list("validation_grasps")))
+
+    def scenes(name: str) -> SceneSet:
+        return SceneSet.open([folder / SCENES for folder in ctx.input_list(name)])
+
     data = SceneData(
         ctx.config["scenes"],
         ctx.config["matching"],
-        SceneSet.open([folder / SCENES for folder in ctx.input_list("scenes")]),
+        scenes("scenes"),
         grasps,
-        list(objects),
+        atlas.ids,
         hand.palm_reference,
         batch_size=training.batch_size,
         workers=training.loader_workers,
         seed=training.seed,
         seeds=ctx.config["network"].levels[0],
+        validation=scenes("validation_scenes") if validated else None,
     )
-    config = FitConfig(ctx.config["network"], ctx.config["losses"], training)
-    atlas = ObjectAtlas.of(list(objects.values()))
-    fit(stage, config, hand, data, atlas, ctx.out, ctx.work, weights, ctx.progress)
+    validation = ctx.config.get("validation", ValidationConfig())
+    config = FitConfig(ctx.config["network"], ctx.config["losses"], training, validation)
+    digest = data_digest(ctx.inputs)
+    fit(stage, config, hand, data, atlas, ctx.out, ctx.work, weights, digest, ctx.progress)
+
+
+def training_geometry(
+    inputs: Mapping[str, Path | list[Path]],
+) -> tuple[HandModel, ObjectAtlas]:
+    """The hand and the objects of a training stage: to train on, then to validate on."""
+    from dmfc.hand.model import HandModel
+    from dmfc.losses.atlas import ObjectAtlas
+
+    hand, train = inputs["hand"], inputs["objects"]
+    held_out = inputs.get("validation_objects", [])
+    assert isinstance(hand, Path)
+    assert isinstance(train, list)
+    assert isinstance(held_out, list)
+    objects = _Objects([*present(train), *whole(held_out)])
+    return HandModel.load(hand / HAND), ObjectAtlas.of(list(objects.values()))
+
+
+def data_digest(inputs: Mapping[str, Path | list[Path]]) -> str:
+    """SHA-256 of the recorded digests of all files that a stage is given."""
+    import hashlib
+    import json
+
+    folders = {
+        name: [given] if isinstance(given, Path) else given for name, given in inputs.items()
+    }
+    files = {name: [read_record(f).get("files") for f in found] for name, found in folders.items()}
+    return hashlib.sha256(json.dumps(files, sort_keys=True).encode()).hexdigest()

@@ -1,4 +1,4 @@
-"""A sweep file: a base, named cells, seeds, and the paper's row beside each cell.
+"""A sweep file: a base, named cells or a matrix of them, seeds, and the paper's row beside each.
 
     name: table1
     title: One object, random pose
@@ -6,6 +6,7 @@
     presets:
       paper: {scenes.train.count: 1000}
     seeds: [0]
+    table: {baseline: all, show: [success, overall]}
     cells:
       all:
         label: fine-tuned, all
@@ -15,7 +16,9 @@
 
 Settings are laid over each other in this order: defaults, preset, `base`, `presets.<preset>`,
 what the command line sets, the cell's `set`. Rows for the planner and for random grasps are always
-added.
+added. `matrix` (see `dmfc.sweep.matrix`) adds combinations to the cells or stands in their place;
+`kind: search` with a `search` (see `dmfc.sweep.search`) adds trials as they are suggested.
+`table` says which rates are shown and with which cell the others are compared.
 """
 
 from __future__ import annotations
@@ -29,7 +32,6 @@ from typing import Any
 
 from dmfc.config.load import (
     build_config,
-    nearest_key,
     parse_override,
     preset_overlay,
     shipped_file,
@@ -37,9 +39,16 @@ from dmfc.config.load import (
 from dmfc.config.plain_yaml import read_yaml
 from dmfc.config.schema import Config
 from dmfc.errors import DmfcError, unknown_name
+from dmfc.sweep.matrix import expand
+from dmfc.sweep.search import Search, parse_search
+from dmfc.sweep.yaml_checks import mapping, only_keys
 
 MODELS = ("pretrained", "finetuned", "planner", "random")
 RATES = ("valid", "success", "overall")
+KINDS = ("cells", "search")
+KEYS = ("kind", "name", "title", "base", "presets", "seeds", "table", "cells", "matrix", "search")
+BEST = "best"
+"""The cell of a search that executes its best trial."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.+-]*")
 
 
@@ -53,6 +62,8 @@ class Cell:
     settings: Mapping[str, Any] = field(default_factory=dict)
     paper: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """Rate name -> (value, standard error) as printed in the paper."""
+    objective: Mapping[str, float] = field(default_factory=dict)
+    """Of a trial of a search, which is validated and not executed; empty for all other cells."""
 
 
 @dataclass(frozen=True)
@@ -66,14 +77,20 @@ class Sweep:
     presets: Mapping[str, Mapping[str, Any]]
     seeds: tuple[int, ...]
     cells: tuple[Cell, ...]
+    baseline: str
+    """The cell with which others are compared."""
+    show: tuple[str, ...] = RATES
+    """Rates that the table shows."""
+    search: Search | None = None
 
 
 def load_sweep(name: str) -> Sweep:
     """The sweep file at a path, or shipped under a name. Raises DmfcError on anything odd in it."""
     path = shipped_file("sweeps", name, "sweep")
-    values = _mapping(read_yaml(path), str(path))
-    _known(values, ("name", "title", "base", "presets", "seeds", "cells"), str(path))
-    cells = _cells(values.get("cells"), str(path))
+    values = mapping(read_yaml(path), str(path))
+    only_keys(values, KEYS, str(path))
+    search = _search(values, str(path))
+    cells = _cells(_listed(values, str(path)), str(path))
     present = {cell.model for cell in cells}
     rows = [row for row in (PLANNER_ROW, RANDOM_ROW) if row.model not in present]
     taken = {cell.name for cell in cells}
@@ -82,14 +99,25 @@ def load_sweep(name: str) -> Sweep:
             raise DmfcError(
                 f"{path}: cell '{row.name}' must have model: {row.model}, or another name"
             )
+    if search and (BEST in taken or any(name.startswith("trial-") for name in taken)):
+        raise DmfcError(f"{path}: 'best' and 'trial-...' are the cells that a search adds")
+    table = mapping(values.get("table") or {}, f"{path}: table")
+    only_keys(table, ("baseline", "show"), f"{path}: table")
+    names = [cell.name for cell in cells]
+    baseline = str(table.get("baseline", names[0]))
+    if baseline not in names:
+        raise DmfcError(f"{path}: table: {unknown_name('baseline', baseline, names)}")
     return Sweep(
         path=path,
         name=_name(values.get("name", path.stem), f"{path}: name"),
         title=str(values.get("title", path.stem)),
-        base=_mapping(values.get("base") or {}, f"{path}: base"),
+        base=mapping(values.get("base") or {}, f"{path}: base"),
         presets=_presets(values.get("presets") or {}, f"{path}: presets"),
         seeds=_seeds(values.get("seeds", [0]), f"{path}: seeds"),
         cells=(*cells, *rows),
+        baseline=baseline,
+        show=_shown(table.get("show"), f"{path}: table"),
+        search=search,
     )
 
 
@@ -116,6 +144,15 @@ def cell_config(
     )
 
 
+def _search(values: Mapping[str, Any], where: str) -> Search | None:
+    kind = str(values.get("kind", "cells"))
+    if kind not in KINDS:
+        raise DmfcError(f"{where}: {unknown_name('kind of sweep', kind, KINDS)}")
+    if (kind == "search") != ("search" in values):
+        raise DmfcError(f"{where}: 'kind: search' and the key 'search' belong together")
+    return parse_search(values["search"], f"{where}: search") if kind == "search" else None
+
+
 def _cells(given: Any, where: str) -> list[Cell]:
     """Cells as a mapping (name -> cell) or a list of mappings with a `name`."""
     if isinstance(given, Mapping):
@@ -123,7 +160,7 @@ def _cells(given: Any, where: str) -> list[Cell]:
     elif isinstance(given, list):
         named = []
         for place, value in enumerate(given):
-            cell = dict(_mapping(value, f"{where}: cell {place + 1}"))
+            cell = dict(mapping(value, f"{where}: cell {place + 1}"))
             if "name" not in cell:
                 raise DmfcError(f"{where}: cell {place + 1} has no name")
             named.append((str(cell.pop("name")), cell))
@@ -141,8 +178,8 @@ def _cells(given: Any, where: str) -> list[Cell]:
 
 def _cell(name: str, given: Any, where: str) -> Cell:
     where = f"{where}: cell '{_name(name, where)}'"
-    values = _mapping(given or {}, where)
-    _known(values, ("label", "model", "set", "paper"), where)
+    values = mapping(given or {}, where)
+    only_keys(values, ("label", "model", "set", "paper"), where)
     model = str(values.get("model", "finetuned"))
     if model not in MODELS:
         raise DmfcError(f"{where}: {unknown_name('model', model, MODELS)}")
@@ -150,15 +187,15 @@ def _cell(name: str, given: Any, where: str) -> Cell:
         name=name,
         label=str(values.get("label", name)),
         model=model,
-        settings=_mapping(values.get("set") or {}, f"{where}: set"),
+        settings=mapping(values.get("set") or {}, f"{where}: set"),
         paper=_paper(values.get("paper") or {}, f"{where}: paper"),
     )
 
 
 def _paper(given: Any, where: str) -> dict[str, tuple[float, float]]:
     rates: dict[str, tuple[float, float]] = {}
-    values = _mapping(given, where)
-    _known(values, RATES, where)
+    values = mapping(given, where)
+    only_keys(values, RATES, where)
     for name, pair in values.items():
         try:
             value, error = (float(item) for item in pair)
@@ -168,10 +205,34 @@ def _paper(given: Any, where: str) -> dict[str, tuple[float, float]]:
     return rates
 
 
+def _listed(values: Mapping[str, Any], where: str) -> Any:
+    """The cells of the file with those of its matrix."""
+    given = values.get("cells")
+    if values.get("matrix") is None:
+        return given
+    where = f"{where}: matrix"
+    matrix = mapping(values["matrix"], where)
+    only_keys(matrix, ("model", "axes", "exclude", "cells"), where)
+    expanded = expand(matrix, where)
+    listed = [{"name": name, **(cell or {})} for name, cell in (given or {}).items()]
+    return [*listed, *({"name": name, **cell} for name, cell in expanded.items())]
+
+
+def _shown(given: Any, where: str) -> tuple[str, ...]:
+    if given is None:
+        return RATES
+    if not isinstance(given, list) or not given:
+        raise DmfcError(f"{where}: show wants a list of rates, not {given!r}")
+    for name in given:
+        if name not in RATES:
+            raise DmfcError(f"{where}: {unknown_name('rate', str(name), RATES)}")
+    return tuple(given)
+
+
 def _presets(given: Any, where: str) -> dict[str, Mapping[str, Any]]:
     return {
-        str(name): _mapping(value, f"{where}.{name}")
-        for name, value in _mapping(given, where).items()
+        str(name): mapping(value, f"{where}.{name}")
+        for name, value in mapping(given, where).items()
     }
 
 
@@ -188,17 +249,3 @@ def _name(given: Any, where: str) -> str:
     if not isinstance(given, str) or not _NAME.fullmatch(given):
         raise DmfcError(f"{where}: '{given}' is no name; use letters, digits and _ . + -")
     return given
-
-
-def _mapping(value: Any, where: str) -> Mapping[str, Any]:
-    if not isinstance(value, Mapping):
-        raise DmfcError(f"{where}: wants 'key: value' pairs, not {value!r}")
-    return value
-
-
-def _known(values: Mapping[str, Any], allowed: Sequence[str], where: str) -> None:
-    for name in values:
-        if name not in allowed:
-            near = nearest_key(str(name), allowed)
-            hint = f"; did you mean '{near}'?" if near else f" (known: {', '.join(allowed)})"
-            raise DmfcError(f"{where}: unknown key '{name}'{hint}")

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from rich.console import Console
+from rich.console import Console, RenderableType
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
@@ -94,7 +94,7 @@ class Progress:
     def tick(self, running: Sequence[Job]) -> None:
         self._running = running
         if self._live is not None:
-            self._live.update(self._table())
+            self._live.update(self._shown())
 
     def end(self) -> None:
         if self._live is not None:
@@ -108,6 +108,9 @@ class Progress:
     def _time_left(self) -> str:
         seconds, known = self._tally.seconds_left(self._cpus)
         return f"{'about' if known else 'more than'} {duration(seconds)} left"
+
+    def _shown(self) -> RenderableType:
+        return self._table()
 
     def _table(self) -> Table:
         table = Table(title=self._time_left(), title_justify="left", expand=False)

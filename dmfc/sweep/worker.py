@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
 import os
 import platform
 import sys
 import time
 import traceback
+import uuid
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -15,9 +17,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 from dmfc.errors import DmfcError
-from dmfc.sweep.context import StageContext
+from dmfc.sweep.context import StageContext, tell_attempt
 from dmfc.sweep.ledger import Ledger
 from dmfc.sweep.stage import plain
+from dmfc.sweep.system import keep_samples, sampled
 
 ERROR_LOG = "error.txt"
 
@@ -37,6 +40,11 @@ class Job:
     cpus: int
     gpus: float
     commit: str
+    memory_gb: float = 0.0
+    seconds: float = 0.0
+    may_fail: bool = False
+    system_seconds: float = 0.0
+    attempt: str = field(default_factory=lambda: uuid.uuid4().hex)
     hints: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -56,10 +64,12 @@ class Outcome:
     status: Literal["done", "ran", "failed", "died", "blocked", "interrupted"]
     reason: str = ""
     seconds: float = 0.0
+    kept: bool = False
+    """Failed, and the ledger holds the failure: users can go on without."""
 
     @property
     def ok(self) -> bool:
-        """Whether the stage's folder is there."""
+        """Whether the stage's outputs are there."""
         return self.status in ("done", "ran")
 
 
@@ -70,15 +80,41 @@ def execute(job: Job) -> Outcome:
         with ledger.claim(job.address) as out:
             if out is None:
                 return Outcome("done")
-            started = datetime.now(UTC)
-            clock = time.perf_counter()
-            _limit_threads(job.cpus)
-            _load(job.entry)(_context(job, ledger, out))
-            seconds = time.perf_counter() - clock
-            ledger.commit(job.address, _record(job, started, seconds))
-            return Outcome("ran", seconds=seconds)
+            return _attempt(job, ledger, out)
     except Exception as error:
         return Outcome("failed", reason=_explain(error, ledger.work(job.address)))
+
+
+def give_up(job: Job, ledger: Ledger, outcome: Outcome) -> Outcome:
+    """Keep the failure of a stage that may fail and whose process died or was stopped."""
+    with ledger.claim(job.address) as out:
+        if out is None:
+            return Outcome("done")
+        record = _record(job, datetime.now(UTC), outcome.seconds)
+        ledger.commit_failure(job.address, record, outcome.reason)
+    return dataclasses.replace(outcome, kept=True)
+
+
+def _attempt(job: Job, ledger: Ledger, out: Path) -> Outcome:
+    """Run the claimed stage to its end."""
+    started, clock, work = datetime.now(UTC), time.perf_counter(), ledger.work(job.address)
+    tell_attempt(work, job.attempt, started)
+    _limit_threads(job.cpus)
+    try:
+        with sampled(work, job.system_seconds, job.gpus):
+            _load(job.entry)(_context(job, ledger, out))
+    except (OSError, MemoryError):
+        raise  # of this machine, not of the stage
+    except Exception as error:
+        if not job.may_fail:
+            raise
+        seconds, reason = time.perf_counter() - clock, _one_line(error)
+        ledger.commit_failure(job.address, _record(job, started, seconds), reason)
+        return Outcome("failed", reason, seconds, kept=True)
+    keep_samples(work, out)
+    seconds = time.perf_counter() - clock
+    ledger.commit(job.address, _record(job, started, seconds))
+    return Outcome("ran", seconds=seconds)
 
 
 def _context(job: Job, ledger: Ledger, out: Path) -> StageContext:
@@ -137,7 +173,10 @@ def _explain(error: Exception, work: Path) -> str:
         (work / ERROR_LOG).write_text("".join(traceback.format_exception(error)))
     except OSError as unwritten:
         return f"{type(error).__name__}: {error} (traceback not written: {unwritten.strerror})"
-    lines = str(error).strip().splitlines() or [""]
-    if isinstance(error, DmfcError):
-        return lines[0]
-    return f"{type(error).__name__}: {lines[0]} (traceback: {work / ERROR_LOG})"
+    line = _one_line(error)
+    return line if isinstance(error, DmfcError) else f"{line} (traceback: {work / ERROR_LOG})"
+
+
+def _one_line(error: Exception) -> str:
+    line = (str(error).strip().splitlines() or [""])[0]
+    return line if isinstance(error, DmfcError) else f"{type(error).__name__}: {line}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -14,8 +14,14 @@ from typing import Any
 import yaml
 
 from dmfc.errors import DmfcError
-from dmfc.report.table import NAMES, SweepTable
+from dmfc.report.collect import cell_rows
+from dmfc.report.rates import rates
+from dmfc.report.table import NAMES
+from dmfc.sweep.context import read_attempt, read_progress
 from dmfc.sweep.ledger import Ledger
+from dmfc.sweep.search import METRICS, objective_of
+from dmfc.sweep.state import SweepState
+from dmfc.sweep.system import SAMPLES, read_lines
 
 PARAM_LENGTH = 250
 """MLflow cuts longer values; the whole of them is in config.yaml."""
@@ -24,6 +30,21 @@ PICTURES = 12
 
 Point = tuple[str, float, int, int]
 """Metric name, value, time in ms, step."""
+ENDED = ("FINISHED", "FAILED", "KILLED")
+
+
+@dataclass(frozen=True)
+class DataSet:
+    """The scenes that a cell learns from or is tested on."""
+
+    name: str
+    context: str
+    stages: Sequence[str]
+
+    @property
+    def digest(self) -> str:
+        """Hash of the keys of its shards; MLflow takes 36 characters."""
+        return hashlib.sha256("\n".join(self.stages).encode()).hexdigest()[:32]
 
 
 @dataclass(frozen=True)
@@ -37,56 +58,92 @@ class CellContent:
     tags: dict[str, str]
     texts: dict[str, str]
     files: list[tuple[Path, str | None]]
-    start_ms: int | None
-    end_ms: int | None
+    data: list[DataSet]
+    start_ms: int
+    end_ms: int
 
     @property
     def digest(self) -> str:
         """Hash of what the run will show."""
-        files = [str(path) for path, _ in self.files]
-        shown = [self.status, self.params, self.metrics, self.tags, self.texts, files]
+        files = [[path.parts[-3:], where] for path, where in self.files]
+        data = [[item.name, item.context, item.digest] for item in self.data]
+        shown = [self.status, self.params, self.metrics, self.tags, self.texts, files, data]
         return hashlib.sha256(json.dumps(shown, sort_keys=True).encode()).hexdigest()
 
 
-def cell_content(ledger: Ledger, cell: Mapping[str, Any], table: SweepTable) -> CellContent:
-    """Read what the ledger holds of a cell; a cell whose stages are missing is FAILED."""
+def cell_content(ledger: Ledger, cell: Mapping[str, Any], state: SweepState) -> CellContent:
+    """What the ledger holds of a cell, and what its running stages have told so far."""
     training = [address for address in (cell["pretrain"], cell["model"]) if address]
-    wanted = [*training, *cell["evaluations"]]
+    wanted = list(dict.fromkeys([*training, *cell["evaluations"]]))
     there = [address for address in wanted if ledger.finished(address)]
     spans = [_span(ledger.record(address)) for address in there]
-    row = next(row for row in table.rows if row.name == cell["name"])
-    end = max((end for _, end in spans), default=None)
-    metrics = [
-        point
-        for address in training
-        if address in there
-        for point in _epochs(
-            ledger.folder(address) / "metrics.jsonl", _span(ledger.record(address))
-        )
-    ]
-    for name in NAMES:
-        value = row.rate(name).value
-        if value is not None:
-            metrics.append((name, value, end or 0, 0))
+    began = int(1000 * state.started)
+    end = max((end for _, end in spans), default=began)
+    status = _status(ledger, cell, wanted, there, state)
+    metrics = [point for address in dict.fromkeys(training) for point in _epochs(ledger, address)]
+    metrics += _system(ledger, cell["model"])
+    tags = _tags(ledger, cell, status, state)
+    if status == "FINISHED":
+        if cell.get("objective"):
+            value = objective_of(ledger, cell["model"], cell["objective"])
+            metrics += [] if value is None else [("objective", value, end, 0)]
+        rows = cell_rows(ledger, cell, {})
+        found = rates(rows.rows, rows.trials)
+        for name in NAMES:
+            value = getattr(found, name).value
+            if value is not None:
+                metrics.append((name, value, end, 0))
     return CellContent(
         id=f"{cell['name']}-seed{cell['seed']}",
-        status="FINISHED" if len(there) == len(wanted) else "FAILED",
+        status=status,
         params=_params(cell["config"]),
         metrics=metrics,
-        tags=_tags(cell, row.failure),
+        tags=tags,
         texts={"config.yaml": yaml.safe_dump(cell["config"], sort_keys=False)},
-        files=list(_files(ledger, there)),
-        start_ms=min((start for start, _ in spans), default=None),
+        files=list(_files(ledger, wanted)),
+        data=[DataSet(item["name"], item["context"], item["stages"]) for item in cell["data"]],
+        start_ms=min((start for start, _ in spans), default=began),
         end_ms=end,
     )
 
 
-def _tags(cell: Mapping[str, Any], failure: str) -> dict[str, str]:
+def _status(
+    ledger: Ledger,
+    cell: Mapping[str, Any],
+    wanted: list[str],
+    there: list[str],
+    state: SweepState,
+) -> str:
+    """MLflow's word for how a cell stands."""
+    if len(there) == len(wanted):
+        return "FINISHED"
+    if any(address in state.failures for address in wanted):
+        return "FAILED"
+    if state.status != "RUNNING":
+        return "KILLED" if state.status == "KILLED" else "FAILED"
+    begun = there or any(read_attempt(ledger.work(address)) for address in wanted)
+    return "RUNNING" if begun else "SCHEDULED"
+
+
+def _tags(
+    ledger: Ledger, cell: Mapping[str, Any], status: str, state: SweepState
+) -> dict[str, str]:
     tags = {"dmfc.label": cell["label"], "dmfc.kind": cell["kind"]}
     if cell["model"]:
         tags["dmfc.model_stage"] = cell["model"]
-    if failure:
-        tags["dmfc.failure"] = failure[:4000]
+        if ledger.finished(cell["model"]):
+            tags["mlflow.source.git.commit"] = ledger.record(cell["model"])["commit"]
+    if status in ENDED:
+        failure = cell_rows(ledger, cell, state.failures).failure
+        failure = failure or state.failures.get(cell["model"], "")
+        if failure:
+            tags["dmfc.failure"] = failure[:4000]
+        return tags
+    for address in (cell["model"], *cell["evaluations"]):
+        if address and read_attempt(ledger.work(address)):
+            fraction, message = read_progress(ledger.work(address))
+            tags["dmfc.progress"] = f"{address.partition('/')[0]} {fraction:.0%} {message}".strip()
+            break
     return tags
 
 
@@ -101,22 +158,34 @@ def _params(config: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
     return flat
 
 
-def _epochs(path: Path, span: tuple[int, int]) -> Iterator[Point]:
-    """Metrics per epoch as 'stage/split/name'; their times are spread over the stage's."""
-    if not path.is_file():
-        return
+def _lines(ledger: Ledger, address: str, name: str) -> list[dict[str, Any]]:
+    """The lines of a stage's file: finished, or still being written."""
+    finished = ledger.finished(address)
+    path = (ledger.folder(address) if finished else ledger.work(address)) / name
     try:
-        lines = [json.loads(line) for line in path.read_text().splitlines() if line.strip()]
+        return read_lines(path, growing=not finished)
     except json.JSONDecodeError as error:
         raise DmfcError(f"metrics '{path}' cannot be read: {error}") from error
-    last = max((int(line["epoch"]) for line in lines), default=0) + 1
-    for line in lines:
-        step = int(line["epoch"])
-        time_ms = span[0] + (span[1] - span[0]) * (step + 1) // last
+
+
+def _epochs(ledger: Ledger, address: str) -> Iterator[Point]:
+    """Metrics per epoch as 'stage/split/name', at the time when the epoch ended."""
+    for line in _lines(ledger, address, METRICS):
+        step, time_ms = int(line["epoch"]), int(1000 * line["time"])
         for name, value in line.items():
             number = isinstance(value, int | float) and not isinstance(value, bool)
-            if number and name != "epoch" and math.isfinite(value):
+            if number and name not in ("epoch", "time") and math.isfinite(value):
                 yield f"{line['stage']}/{line['split']}/{name}", float(value), time_ms, step
+
+
+def _system(ledger: Ledger, address: str | None) -> Iterator[Point]:
+    """Samples of the machine while the model was trained, as MLflow names them."""
+    if address is None:
+        return
+    for step, line in enumerate(_lines(ledger, address, SAMPLES)):
+        for name, value in line.items():
+            if name != "time":
+                yield f"system/{name}", float(value), int(1000 * line["time"]), step
 
 
 def _span(record: Mapping[str, Any]) -> tuple[int, int]:
@@ -125,16 +194,17 @@ def _span(record: Mapping[str, Any]) -> tuple[int, int]:
     return int(start * 1000), int((start + float(record["seconds"])) * 1000)
 
 
-def _files(ledger: Ledger, addresses: list[str]) -> Iterator[tuple[Path, str | None]]:
-    """Trial rows, summaries and pictures, each under its stage's kind and place."""
-    for address in addresses:
+def _files(ledger: Ledger, wanted: list[str]) -> Iterator[tuple[Path, str | None]]:
+    """Trial rows, summaries and pictures of what is finished, under its stage's kind and place."""
+    there = [(place, item) for place, item in enumerate(wanted) if ledger.finished(item)]
+    for _, address in there:
         scenes = ledger.record(address)["inputs"].get("scenes")
         if isinstance(scenes, str):  # the shard that an evaluation was made on
             for picture in sorted(ledger.folder(scenes).glob("*.png")):
                 yield picture, "scenes"
-    for place, address in enumerate(addresses):
+    for place, address in there:
         folder, where = ledger.folder(address), f"{place:02d}-{address.split('/')[0]}"
-        for name in ("trials.parquet", "summary.json", "metrics.jsonl", "stage.json"):
+        for name in ("trials.parquet", "summary.json", METRICS, "stage.json"):
             if (folder / name).is_file():
                 yield folder / name, where
         for picture in sorted(folder.rglob("*.png"))[:PICTURES]:

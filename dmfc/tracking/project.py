@@ -1,35 +1,39 @@
 """MLflow as a projection of the ledger: everything in it is made from files and can be made again.
 
-One parent run per sweep and one child per cell and seed, told apart by tags, so that projecting
-twice changes nothing. Only the driver writes, under a lock.
+One parent run per sweep and one child per cell and seed, told apart by tags. Projecting twice
+changes nothing; projecting while a sweep runs shows how it stands.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from filelock import FileLock
+from filelock import FileLock, Timeout
 
-from dmfc.report.table import SweepTable
+from dmfc.errors import DmfcError
+from dmfc.report.collect import list_sweeps, read_sweep, table_of
+from dmfc.report.page import MARKER
+from dmfc.report.table import NAMES, SweepTable
 from dmfc.sweep.context import write_json
 from dmfc.sweep.ledger import Ledger
-from dmfc.tracking.cell import CellContent, cell_content
-from dmfc.tracking.store import EXPERIMENT, artifact_root, tracking_uri
+from dmfc.sweep.provenance import PROVENANCE, read_provenance
+from dmfc.sweep.state import SweepState, read_state
+from dmfc.tracking.cell import ENDED, CellContent, Point, cell_content
+from dmfc.tracking.registry import register_best
+from dmfc.tracking.store import tracking_uri
+from dmfc.tracking.writer import PARENT, Writer
 
 if TYPE_CHECKING:
-    from mlflow.tracking import MlflowClient
+    from collections.abc import Callable
 
-VERSION = 1
-TAG_SWEEP, TAG_CELL, TAG_DIGEST = "dmfc.sweep", "dmfc.cell", "dmfc.digest"
-TAG_PARENT = "mlflow.parentRunId"
-BATCH = 900
-"""Metrics per request; the server takes 1,000."""
+VERSION = 2
+LOCK_SECONDS = 120.0
+"""Time that a writer waits for another one of the same sweep."""
 
 
 @dataclass(frozen=True)
@@ -42,137 +46,154 @@ class Tracked:
 
 
 def project_sweep(
-    ledger: Ledger, sweep: Mapping[str, Any], table: SweepTable, status: str, uri: str = ""
+    ledger: Ledger,
+    sweep_id: str,
+    uri: str = "",
+    make_writer: Callable[[str], Writer] = Writer,
 ) -> Tracked:
     """Bring MLflow up to what the ledger holds of a sweep.
 
-    `status` is the parent's: FINISHED, FAILED or KILLED. Without a change since the last call
-    MLflow is not even imported.
+    Without a change since the last call MLflow is not even imported. Raises DmfcError where
+    another process writes the same sweep and does not end.
     """
     uri = uri or tracking_uri(ledger)
-    folder = ledger.store / "sweeps" / sweep["id"]
-    contents = [cell_content(ledger, cell, table) for cell in sweep["cells"]]
-    digest = _digest([VERSION, uri, status, [content.digest for content in contents]])
-    marker = folder / "tracked.json"
-    known = json.loads(marker.read_text()) if marker.is_file() else {}
+    sweep, folder = read_sweep(ledger, sweep_id), ledger.store / "sweeps" / sweep_id
+    state = read_state(folder)
+    contents = [cell_content(ledger, cell, state) for cell in sweep["cells"]]
+    parent = _parent_content(ledger, sweep, state, contents)
+    digest = _digest([VERSION, uri, parent.digest, [content.digest for content in contents]])
+    known = _marker(folder)
     if known.get("digest") == digest and _still_there(uri):
         return Tracked(uri, known["experiment_id"], known["run_id"])
     ledger.prepare()
-    with FileLock(ledger.store / "locks" / "tracking.lock"):
-        tracked = _Writer(ledger, uri).write(sweep, table, contents, status)
-    write_json(
-        marker,
-        {"digest": digest, "experiment_id": tracked.experiment_id, "run_id": tracked.run_id},
-    )
-    return tracked
+    lock = FileLock(ledger.store / "locks" / f"tracking-{sweep_id}.lock", timeout=LOCK_SECONDS)
+    try:
+        with lock:
+            writer = make_writer(uri)
+            run_id = writer.parent(sweep, parent)
+            runs = {content.id: writer.child(sweep_id, run_id, content) for content in contents}
+            if state.status == "FINISHED":
+                table = table_of(ledger, sweep, state.failures)
+                register_best(writer.client, ledger, sweep, table, runs)
+    except Timeout:
+        raise DmfcError(f"another process has been writing sweep {sweep_id} to MLflow") from None
+    except Exception as error:
+        if not type(error).__module__.startswith("mlflow"):
+            raise
+        line = (str(error).strip().splitlines() or [""])[0]
+        raise DmfcError(
+            f"MLflow at '{uri}' was not written: {line} (run.tracking_uri; `dmfc tracking sync` "
+            "writes what is missing)"
+        ) from error
+    told = {"digest": digest, "experiment_id": writer.experiment_id, "run_id": run_id}
+    write_json(folder / MARKER, {**told, "uri": uri, "status": parent.status, "runs": runs})
+    return Tracked(uri, writer.experiment_id, run_id)
 
 
-class _Writer:
-    """The one writer; talks to MLflow by its client alone, so no global state is touched."""
+def project_stale(ledger: Ledger) -> list[str]:
+    """Bring sweeps whose drivers died up to date; their ids."""
+    stale = []
+    for sweep_id in list_sweeps(ledger):
+        folder = ledger.store / "sweeps" / sweep_id
+        marker, state = _marker(folder), read_state(folder)
+        if marker and marker.get("status") not in ENDED and state.status in ENDED:
+            project_sweep(ledger, sweep_id, marker["uri"])
+            stale.append(sweep_id)
+    return stale
 
-    def __init__(self, ledger: Ledger, uri: str) -> None:
-        from mlflow.tracking import MlflowClient
 
-        # After the import, which sets its own level: making tables is no news to the user.
-        for name in ("mlflow", "alembic"):
-            logging.getLogger(name).setLevel(logging.WARNING)
+def rebuild(ledger: Ledger, sweep_ids: Sequence[str], uri: str = "") -> list[Tracked]:
+    """Make the runs of those sweeps in an empty experiment.
 
-        if uri == tracking_uri(ledger):
-            artifact_root(ledger).mkdir(parents=True, exist_ok=True)
-        self.client: MlflowClient = MlflowClient(uri)
-        self.ledger, self.uri = ledger, uri
-        self.experiment_id = self._experiment(ledger)
-
-    def write(
-        self,
-        sweep: Mapping[str, Any],
-        table: SweepTable,
-        contents: list[CellContent],
-        status: str,
-    ) -> Tracked:
-        parent = self._parent(sweep, contents)
-        for content in contents:
-            self._child(sweep["id"], parent, content)
-        self._parent_results(parent, sweep, table)
-        self.client.set_terminated(parent, status, _latest(contents))
-        return Tracked(self.uri, self.experiment_id, parent)
-
-    def _experiment(self, ledger: Ledger) -> str:
-        found = self.client.get_experiment_by_name(EXPERIMENT)
-        if found:
-            return found.experiment_id
-        local = self.uri == tracking_uri(ledger)
-        location = artifact_root(ledger).as_uri() if local else None
-        return self.client.create_experiment(EXPERIMENT, artifact_location=location)
-
-    def _find(self, **tags: str) -> list[Any]:
-        wanted = " and ".join(f"tags.`{name}` = '{value}'" for name, value in tags.items())
-        return list(self.client.search_runs([self.experiment_id], wanted, max_results=1000))
-
-    def _parent(self, sweep: Mapping[str, Any], contents: list[CellContent]) -> str:
-        found = self._find(**{TAG_SWEEP: sweep["id"], TAG_CELL: "-"})
-        if found:
-            return found[0].info.run_id
-        from mlflow.entities import Param
-
-        tags = {TAG_SWEEP: sweep["id"], TAG_CELL: "-", "mlflow.note.content": sweep["title"]}
-        start = min((content.start_ms for content in contents if content.start_ms), default=None)
-        run = self.client.create_run(self.experiment_id, start, tags, run_name=sweep["id"])
-        params = {"preset": sweep["preset"] or "defaults", "file": sweep["file"]}
-        self.client.log_batch(run.info.run_id, params=[Param(*item) for item in params.items()])
-        return run.info.run_id
-
-    def _child(self, sweep_id: str, parent: str, content: CellContent) -> None:
-        """Write the cell's run unless it is there; one that is out of date or half is replaced."""
-        found = self._find(**{TAG_SWEEP: sweep_id, TAG_CELL: content.id})
-        current = [run for run in found if run.data.tags.get(TAG_DIGEST) == content.digest]
-        for run in found:
-            if run not in current[:1]:
-                self.client.delete_run(run.info.run_id)
-        if current:
-            return
-        from mlflow.entities import Metric, Param
-
-        tags = {TAG_SWEEP: sweep_id, TAG_CELL: content.id, TAG_PARENT: parent, **content.tags}
-        run = self.client.create_run(
-            self.experiment_id, content.start_ms, tags, run_name=content.id
+    Raises DmfcError if the experiment has runs: nothing is ever removed.
+    """
+    uri = uri or tracking_uri(ledger)
+    if Writer(uri).has_runs():
+        raise DmfcError(
+            f"'{uri}' has runs already: name an empty place by --uri, or remove that one first"
         )
-        run_id = run.info.run_id
-        self.client.log_batch(run_id, params=[Param(*item) for item in content.params.items()])
-        metrics = [Metric(*point) for point in content.metrics]
-        for start in range(0, len(metrics), BATCH):
-            self.client.log_batch(run_id, metrics=metrics[start : start + BATCH])
-        for name, text in content.texts.items():
-            self.client.log_text(run_id, text, name)
-        for path, folder in content.files:
-            self.client.log_artifact(run_id, str(path), folder)
-        self.client.set_terminated(run_id, content.status, content.end_ms)
-        # Last: a run without this tag was not written whole, and is replaced.
-        self.client.set_tag(run_id, TAG_DIGEST, content.digest)
+    return [project_sweep(ledger, sweep_id, uri) for sweep_id in sweep_ids]
 
-    def _parent_results(self, parent: str, sweep: Mapping[str, Any], table: SweepTable) -> None:
-        from mlflow.entities import Metric
 
-        known = self.client.get_run(parent).data.metrics
-        rates = {
-            f"{row.name}.{name}": value
-            for row in table.rows
-            for name in ("valid", "success", "overall")
-            if (value := row.rate(name).value) is not None
-        }
-        new = [
-            Metric(name, value, 0, 0) for name, value in rates.items() if known.get(name) != value
+def _parent_content(
+    ledger: Ledger,
+    sweep: Mapping[str, Any],
+    state: SweepState,
+    contents: list[CellContent],
+) -> CellContent:
+    """The parent run: the table's rates, its files, and what made it."""
+    folder = ledger.store / "sweeps" / sweep["id"]
+    calls = read_provenance(folder)
+    start = int(1000 * state.started)
+    end = max([start, *(content.end_ms for content in contents)])
+    metrics: list[Point] = []
+    files: list[tuple[Path, str | None]] = []
+    tags = {f"dmfc.{name}": call for name, call in _provenance_tags(calls).items()}
+    if calls:
+        tags["mlflow.source.git.commit"] = calls[-1]["commit"]
+    if state.status in ENDED:
+        table = table_of(ledger, sweep, state.failures)
+        metrics = [(name, value, end, 0) for name, value in _parent_rates(table)]
+        metrics += [
+            ("search.objective", trial.value, end, step)
+            for step, trial in enumerate(table.trials)
+            if trial.value is not None
         ]
-        if new:
-            self.client.log_batch(parent, metrics=new)
-        self.client.log_dict(parent, dict(sweep), "sweep.json")
-        for path in sorted((self.ledger.store / "sweeps" / sweep["id"]).glob("t*.*")):
-            if path.stem in ("table", "trials"):
-                self.client.log_artifact(parent, str(path))
+        files = [(path, None) for path in sorted(folder.iterdir()) if _shown(path)]
+    else:
+        done = sum(content.status in ENDED for content in contents)
+        tags["dmfc.progress"] = f"{done} of {len(contents)} cells"
+    return CellContent(
+        id=PARENT,
+        status="SCHEDULED" if state.status == "UNSTARTED" else state.status,
+        params={"preset": sweep["preset"] or "defaults", "file": sweep["file"]},
+        metrics=metrics,
+        tags=tags,
+        texts={"sweep.json": json.dumps(sweep, indent=1)},
+        files=files,
+        data=[],
+        start_ms=start,
+        end_ms=end,
+    )
 
 
-def _latest(contents: list[CellContent]) -> int | None:
-    return max((content.end_ms for content in contents if content.end_ms), default=None)
+def _parent_rates(table: SweepTable) -> list[tuple[str, float]]:
+    """Rates of the rows that are complete, as 'row.rate'."""
+    return [
+        (f"{row.name}.{name}", value)
+        for row in table.rows
+        for name in NAMES
+        if not row.failure and (value := row.rate(name).value) is not None
+    ]
+
+
+def _provenance_tags(calls: list[dict[str, Any]]) -> dict[str, str]:
+    """The latest call for a person who looks; all of it is in provenance.json."""
+    if not calls:
+        return {}
+    latest, packages = calls[-1], calls[-1]["packages"]
+    versions = {name: packages.get(name, "") for name in ("dmfc", "torch", "mujoco", "ray")}
+    return {
+        "commits": " ".join(dict.fromkeys(call["commit"] for call in calls)),
+        "host": latest["host"],
+        "processor": latest["processor"],
+        "vector_flags": " ".join(
+            flag for flag in latest["flags"].split() if flag.startswith(("avx", "amx", "sve"))
+        ),
+        "versions": " ".join(f"{name} {version}" for name, version in versions.items()),
+    }
+
+
+def _shown(path: Path) -> bool:
+    """Files of a sweep's folder that the parent run shows: tables, figures, what made them."""
+    return path.stem in ("table", "trials", "curves", "search") or (
+        path.name == PROVENANCE or path.suffix == ".diff"
+    )
+
+
+def _marker(folder: Path) -> dict[str, Any]:
+    path = folder / MARKER
+    return json.loads(path.read_text()) if path.is_file() else {}
 
 
 def _still_there(uri: str) -> bool:

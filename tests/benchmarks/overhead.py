@@ -1,6 +1,6 @@
 """What the engine costs per stage: 2,000 trivial stages on Ray, and the same call again.
 
-python tests/benchmarks/overhead.py [stages]
+python -m tests.benchmarks.overhead [stages]
 """
 
 from __future__ import annotations
@@ -12,19 +12,18 @@ import tempfile
 import time
 from pathlib import Path
 
-SWEEP_TESTS = Path(__file__).resolve().parents[1] / "sweep"
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def main(count: int) -> None:
     """Print seconds per stage, seconds of the second call, and the driver's peak memory."""
-    sys.path.insert(0, str(SWEEP_TESTS))
-    os.environ["PYTHONPATH"] = f"{SWEEP_TESTS}:{SWEEP_TESTS.parents[1]}"
+    os.environ["PYTHONPATH"] = str(ROOT)
     import ray
-    from trivial_graph import TRIVIAL, trivial
 
     from dmfc.config.schema import Config
     from dmfc.sweep.engine import run_stages
     from dmfc.sweep.ledger import Ledger
+    from tests.sweep.trivial_graph import TRIVIAL, trivial
 
     def targets() -> list:
         roots = [trivial("add", f"r{i}", i) for i in range(count // 20)]

@@ -7,7 +7,7 @@ import pytest
 from dmfc.config.schema import Config
 from dmfc.sweep.ledger import Ledger
 
-HERE = Path(__file__).resolve().parent
+ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(scope="session")
@@ -16,7 +16,7 @@ def ray_cluster():
 
     with pytest.MonkeyPatch.context() as patch:
         # Ray's workers import the trivial stages as the tests do.
-        patch.setenv("PYTHONPATH", f"{HERE}:{HERE.parents[1]}")
+        patch.setenv("PYTHONPATH", str(ROOT))
         ray.init(
             address="local",
             num_cpus=2,

@@ -1,5 +1,6 @@
 """The engine: every stage once, failures apart, resume, two drivers."""
 
+import dataclasses
 import json
 import multiprocessing
 import os
@@ -12,14 +13,20 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
-from trivial_graph import TRIVIAL, trivial
 
+from dmfc.config.load import load_config
 from dmfc.sweep.context import read_progress
 from dmfc.sweep.engine import run_stages, unfinished
+from dmfc.sweep.graph import GraphBuilder
+from dmfc.sweep.kinds import KINDS, StageKind, registry
 from dmfc.sweep.ledger import Ledger
+from dmfc.sweep.stage import Stage
+from dmfc.sweep.store import prunable, prune
 from dmfc.sweep.worker import ERROR_LOG
+from tests.sweep.fake_science import FAKES, fake_refs
+from tests.sweep.trivial_graph import TRIVIAL, trivial
 
-HERE = Path(__file__).resolve().parent
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def run(targets, ledger, config, **options):
@@ -197,9 +204,8 @@ def test_ray_is_started_again_when_it_dies(tmp_path):
     """Kill the raylet under a running graph, in a process that owns its Ray."""
     code = f"""
 import os, signal, sys, threading, time
-sys.path[:0] = [{str(HERE)!r}, {str(HERE.parents[1])!r}]
 from pathlib import Path
-from trivial_graph import TRIVIAL, trivial
+from tests.sweep.trivial_graph import TRIVIAL, trivial
 from dmfc.config.schema import Config
 from dmfc.sweep.engine import run_stages
 from dmfc.sweep.ledger import Ledger
@@ -215,12 +221,70 @@ stages = [trivial("slow", f"s{{i}}", i, seconds=1.0) for i in range(8)]
 outcomes = run_stages(stages, Ledger(Path({str(tmp_path)!r})), Config(), kinds=TRIVIAL)
 print(*sorted(outcome.status for outcome in outcomes.values()))
 """
-    path = f"{HERE}:{HERE.parents[1]}"
     done = subprocess.run(
         [sys.executable, "-c", code],
         capture_output=True,
         text=True,
-        env={**os.environ, "PYTHONPATH": path},
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
         check=False,
     )
     assert done.stdout.splitlines()[-1].split() == ["ran"] * 8, done.stderr
+
+
+def sweep_cell(train, test):
+    """The stages of a fine-tuned cell over those objects."""
+    settings = [f"objects.train=[{train}]", f"objects.test=[{test}]"]
+    return GraphBuilder(fake_refs, FAKES).cell(load_config("smoke", settings), "finetuned", "c")
+
+
+def test_a_training_object_that_fails_is_a_row_and_the_rest_goes_on(ledger, config):
+    cell = sweep_cell("procedural/broken, procedural/fine", "ycb/mug")
+    outcomes = run_stages(cell.evaluations, ledger, config, kinds=FAKES, local=True)
+    failed = {a: out for a, out in outcomes.items() if not out.ok}
+    assert {a.partition("/")[0] for a in failed} == {"object"}
+    assert {out.reason for out in failed.values()} == {"the mesh has no volume"}
+    assert all(ledger.failure(address) == "the mesh has no volume" for address in failed)
+    assert ledger.finished(cell.model.address)
+    shard = next(s for s in cell.model.inputs["scenes"])
+    assert (ledger.folder(shard.address) / "objects").read_text() == "2"
+    again = run_stages(cell.evaluations, ledger, config, kinds=FAKES, local=True)
+    assert {a for a, out in again.items() if not out.ok} <= set(failed)
+    doomed = prunable(ledger, [], failed=True)
+    assert {entry.address for entry in prune(ledger, doomed)} == set(failed)
+
+
+def test_a_test_object_that_fails_stops_the_evaluation(ledger, config):
+    cell = sweep_cell("procedural/fine", "ycb/broken")
+    outcomes = run_stages(cell.evaluations, ledger, config, kinds=FAKES, local=True)
+    assert ledger.finished(cell.model.address)
+    assert "object ycb/broken/0 failed: the mesh has no volume" in (
+        outcomes[cell.evaluations[0].address].reason
+    )
+
+
+def test_a_stage_that_may_fail_and_dies_is_a_row_too(ledger, config, ray_cluster):
+    kinds = registry(*(dataclasses.replace(kind, may_fail=True) for kind in TRIVIAL.values()))
+    dead = trivial("die", "dead")
+    after = trivial("seen", "after", inputs={"from": dead})
+    outcomes = run_stages([after], ledger, config, kinds=kinds)
+    assert outcomes[after.address].status == "ran"
+    assert "2 attempts" in ledger.failure(dead.address)
+
+
+def test_a_time_limit_ends_a_stage_and_nothing_else(ledger, ray_cluster):
+    hung = Stage("hand", "hung", 1, {"value": 1, "seconds": 600.0})
+    good = trivial("slow", "good", 2, seconds=1.0)
+    kinds = TRIVIAL | registry(StageKind("hand", "tests.sweep.trivial_stages:slow", 1))
+    config = load_config(None, ["run.hand.seconds=0.6", "run.hand.retries=0"])
+    outcomes = run_stages([hung, good], ledger, config, kinds=kinds)
+    assert outcomes[hung.address].reason == "took longer than 0.6 s (run.hand.seconds)"
+    assert outcomes[good.address].status == "ran"
+
+
+def test_limits_come_from_the_settings():
+    config = load_config(
+        None, ["run.pretrain.gpus=0.5", "run.pretrain.memory_gb=3", "run.retries=4"]
+    )
+    limits = KINDS["pretrain"].limits(config)
+    assert (limits.cpus, limits.gpus, limits.memory_gb, limits.retries) == (1, 0.5, 3.0, 4)
+    assert KINDS["finetune"].limits(load_config(None, ["run.gpus_per_training=1"])).gpus == 1.0

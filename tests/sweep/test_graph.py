@@ -3,7 +3,6 @@
 from collections import Counter
 
 import pytest
-from fake_science import fake_refs
 
 from dmfc.config.load import load_config
 from dmfc.errors import DmfcError
@@ -11,6 +10,7 @@ from dmfc.sweep.graph import GraphBuilder, without
 from dmfc.sweep.plan import plan_sweep
 from dmfc.sweep.stage import closure
 from dmfc.sweep.sweep_file import load_sweep
+from tests.sweep.fake_science import fake_refs
 
 
 @pytest.fixture
@@ -59,6 +59,8 @@ def test_table_one_shares_data_and_pretraining(builder):
         ("matching.distance=0.01", {"pretrain", "finetune", "evaluate"}),
         ("scenes.augmentation.noise=0.01", {"pretrain", "finetune", "evaluate"}),
         ("execution.min_confidence=0.5", {"evaluate"}),
+        ("execution.protocol=dexgraspbench", {"evaluate"}),
+        ("execution.changes={physics.timestep: 0.001}", {"evaluate"}),
         ("scenes.train.seed=5", {"scenes", "pretrain", "finetune", "evaluate"}),
         ("scenes.test.seed=5", {"scenes", "evaluate"}),
         ("grasps.per_object=7", {"grasps", "scenes", "pretrain", "finetune", "evaluate"}),
@@ -74,6 +76,25 @@ def test_table_one_shares_data_and_pretraining(builder):
 )
 def test_a_setting_reruns_exactly_what_depends_on_it(builder, override, kinds):
     assert changed(builder, override) == kinds
+
+
+def test_validation_is_its_own_objects_and_touches_training_alone(builder):
+    config = load_config("smoke", ["validation.objects=[procedural/cup-0009]"])
+    stages = closure(builder.cell(config, "finetuned", "c").evaluations)
+    assert sum(stage.kind == "object" for stage in stages) == 10
+    assert changed(builder, "validation.objects=[procedural/cup-0009]", "validation.every=2") == {
+        "object",
+        "grasps",
+        "scenes",
+        "pretrain",
+        "finetune",
+        "evaluate",
+    }
+    assert changed(builder, "validation.every=2") == set()
+    for held_out in (config.objects.train, config.objects.test):
+        shared = load_config("smoke", [f"validation.objects=[{held_out[0]}]"])
+        with pytest.raises(DmfcError, match="objects of its own"):
+            builder.pretrain(shared)
 
 
 def test_more_test_scenes_keep_the_shards_there_are(builder):

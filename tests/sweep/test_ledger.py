@@ -5,15 +5,15 @@ import hashlib
 import json
 
 import pytest
-from trivial_graph import trivial
 
 from dmfc.config.load import build_config
 from dmfc.config.plain_yaml import parse_yaml
 from dmfc.config.schema import Config
 from dmfc.config.setting import setting
 from dmfc.errors import DmfcError
-from dmfc.sweep.ledger import RECORD, Ledger
+from dmfc.sweep.ledger import RECORD, RECORD_VERSION, Ledger
 from dmfc.sweep.stage import Stage, closure, differences, plain
+from tests.sweep.trivial_graph import trivial
 
 
 @dataclasses.dataclass(frozen=True)
@@ -139,4 +139,4 @@ def test_a_store_that_cannot_be_written_is_one_line(tmp_path):
 def test_records_are_plain_json(ledger):
     with ledger.claim("add/k"):
         ledger.commit("add/k", {"name": "k"})
-    assert json.loads((ledger.folder("add/k") / RECORD).read_text())["version"] == 1
+    assert json.loads((ledger.folder("add/k") / RECORD).read_text())["version"] == RECORD_VERSION

@@ -5,10 +5,10 @@ from dmfc.sweep.stage import Stage
 
 TRIVIAL = registry(
     *(
-        StageKind(name, f"trivial_stages:{name}", version=1)
-        for name in ("add", "slow", "fail", "die", "die_once")
+        StageKind(name, f"tests.sweep.trivial_stages:{name}", version=1)
+        for name in ("add", "slow", "fail", "die", "die_once", "seen")
     ),
-    StageKind("threads", "trivial_stages:threads", version=1, cpus=lambda config: 2),
+    StageKind("threads", "tests.sweep.trivial_stages:threads", version=1, cpus=lambda config: 2),
 )
 
 

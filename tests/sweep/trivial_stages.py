@@ -7,6 +7,7 @@ import time
 from pathlib import Path
 
 from dmfc.errors import DmfcError
+from dmfc.sweep.ledger import failure_in
 
 
 def add(ctx):
@@ -33,6 +34,11 @@ def fail(ctx):
     if ctx.config.get("user_error"):
         raise DmfcError("the mesh 'x.stl' has no volume")
     raise ValueError("broken on purpose\nsecond line")
+
+
+def seen(ctx):
+    """Write what became of the inputs."""
+    (ctx.out / "seen.json").write_text(json.dumps([failure_in(f) for f in ctx.input_list("from")]))
 
 
 def die_once(ctx):

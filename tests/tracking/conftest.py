@@ -1,22 +1,20 @@
 """A finished sweep without science, run in this process."""
 
 import shutil
-import sys
 from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "sweep"))
-
-from fake_science import FAKES, fake_refs
 
 from dmfc.report.collect import collect, table_of, write_table
 from dmfc.sweep.engine import run_stages
 from dmfc.sweep.graph import GraphBuilder
 from dmfc.sweep.ledger import Ledger
 from dmfc.sweep.plan import plan_sweep
+from dmfc.sweep.provenance import add_provenance
+from dmfc.sweep.state import write_state
 from dmfc.sweep.sweep_file import load_sweep
 from dmfc.tracking.store import database
+from tests.sweep.fake_science import FAKES, fake_refs
 
 SWEEP = """
 name: tiny
@@ -40,8 +38,13 @@ class FinishedSweep:
         outcomes = run_stages(plan.targets, self.ledger, plan.config, kinds=FAKES, local=True)
         failures = {a: outcome.reason for a, outcome in outcomes.items() if not outcome.ok}
         self.description = plan.describe()
+        self.id = plan.id
+        self.folder = plan.folder(self.ledger)
         self.table = table_of(self.ledger, self.description, failures)
-        write_table(self.ledger, self.table, collect(self.ledger, self.description, failures))
+        write_state(self.folder, "FAILED" if failures else "FINISHED", failures)
+        add_provenance(self.folder)
+        self.cells = collect(self.ledger, self.description, failures)
+        write_table(self.ledger, self.table, self.cells)
 
 
 @pytest.fixture
@@ -49,4 +52,5 @@ def finished(tmp_path, empty_database):
     sweep = FinishedSweep(tmp_path)
     database(sweep.ledger).parent.mkdir()
     shutil.copy(empty_database, database(sweep.ledger))
+    sweep.empty = empty_database
     return sweep

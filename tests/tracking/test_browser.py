@@ -39,7 +39,7 @@ def browser():
 @pytest.fixture
 def pages(finished):
     """Runs `dmfc ui` as a user does; gives what it printed: the address and the sweep's page."""
-    project_sweep(finished.ledger, finished.description, finished.table, "FINISHED")
+    project_sweep(finished.ledger, finished.id)
     code = "from dmfc.cli import main; main()"
     server = subprocess.Popen(
         [sys.executable, "-c", code, "ui", "--port", "0", "--store", finished.ledger.store],
@@ -85,3 +85,26 @@ def test_a_browser_sees_the_sweeps_runs(pages, browser, finished):
     folder = os.environ.get("DMFC_SCREENSHOTS")
     if folder:
         browser.save_screenshot(str(Path(folder) / "mlflow_runs.png"))
+
+
+@pytest.mark.full
+def test_a_browser_shows_the_page_of_a_sweep(browser, finished):
+    from selenium.webdriver.common.by import By
+
+    from dmfc.report.page import draw_figures, write_page
+
+    figures = draw_figures(finished.ledger, finished.description, finished.table)
+    path = write_page(
+        finished.ledger, finished.description, finished.table, finished.cells, figures
+    )
+    browser.get(path.as_uri())
+    assert browser.title == "A tiny sweep (smoke)"
+    rows = browser.find_elements(By.CSS_SELECTOR, "#rates tbody tr")
+    assert len(rows) == len(finished.table.rows)
+    for image in browser.find_elements(By.TAG_NAME, "img"):
+        assert int(image.get_property("naturalWidth")) > 300
+    assert "not finite" in browser.find_element(By.ID, "failures").text
+    folder = os.environ.get("DMFC_SCREENSHOTS")
+    if folder:
+        browser.set_window_size(1300, 2400)
+        browser.save_screenshot(str(Path(folder) / "page.png"))

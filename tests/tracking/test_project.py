@@ -1,15 +1,20 @@
 """MLflow shows what the ledger holds; projecting again changes nothing."""
 
+import json
+import shutil
+from datetime import UTC, datetime
 from pathlib import Path
 
-import fake_science
 import pytest
 from mlflow.entities import ViewType
 from mlflow.tracking import MlflowClient
 
 from dmfc.errors import DmfcError
-from dmfc.tracking import project
-from dmfc.tracking.project import TAG_CELL, TAG_PARENT, project_sweep
+from dmfc.sweep.context import tell_attempt, write_json
+from dmfc.sweep.state import driving, read_state, write_state
+from dmfc.tracking.project import project_stale, project_sweep, rebuild
+from dmfc.tracking.writer import TAG_CELL, TAG_DIGEST, TAG_PARENT
+from tests.sweep import fake_science
 
 
 def runs(client, experiment):
@@ -39,7 +44,7 @@ def snapshot(client, experiment):
 
 
 def test_a_sweep_becomes_a_parent_and_its_children(finished):
-    tracked = project_sweep(finished.ledger, finished.description, finished.table, "FAILED")
+    tracked = project_sweep(finished.ledger, finished.id)
     client = MlflowClient(tracked.uri)
     parents, children = runs(client, tracked.experiment_id)
     assert [run.info.run_id for run in parents] == [tracked.run_id]
@@ -71,8 +76,8 @@ def test_a_sweep_becomes_a_parent_and_its_children(finished):
     assert {"sweep.json", "table.md", "table.csv", "table.tex", "trials.parquet"} <= parent_files
 
 
-def test_projecting_twice_changes_nothing(finished, monkeypatch):
-    given = (finished.ledger, finished.description, finished.table, "FAILED")
+def test_projecting_twice_changes_nothing(finished):
+    given = (finished.ledger, finished.id)
     tracked = project_sweep(*given)
     client = MlflowClient(tracked.uri)
     before = snapshot(client, tracked.experiment_id)
@@ -85,19 +90,18 @@ def test_projecting_twice_changes_nothing(finished, monkeypatch):
     def forbidden(*_):
         raise AssertionError("MLflow was opened though nothing had changed")
 
-    monkeypatch.setattr(project, "_Writer", forbidden)
-    assert project_sweep(*given) == tracked
+    assert project_sweep(*given, make_writer=forbidden) == tracked
 
 
 def test_a_half_written_run_is_replaced(finished):
-    given = (finished.ledger, finished.description, finished.table, "FAILED")
+    given = (finished.ledger, finished.id)
     tracked = project_sweep(*given)
     client = MlflowClient(tracked.uri)
     before = snapshot(client, tracked.experiment_id)
     _, children = runs(client, tracked.experiment_id)
     half = children["all-seed0"].info.run_id
-    client.delete_tag(half, project.TAG_DIGEST)
-    client.log_metric(half, "pretrain/train/loss", 99.0, step=1)
+    client.delete_tag(half, TAG_DIGEST)
+    client.log_metric(half, "pretrain/train/loss", 99.0, step=7)
     client.update_run(half, "RUNNING")
 
     marker = finished.ledger.store / "sweeps" / finished.description["id"] / "tracked.json"
@@ -111,11 +115,10 @@ def test_a_half_written_run_is_replaced(finished):
 
 
 def test_a_cell_that_is_repaired_becomes_finished(finished, monkeypatch):
-    given = (finished.ledger, finished.description)
-    tracked = project_sweep(*given, finished.table, "FAILED")
+    tracked = project_sweep(finished.ledger, finished.id)
     monkeypatch.setattr(fake_science, "finetune", lambda ctx: fake_science._learn(ctx, "finetune"))
     again = type(finished)(finished.ledger.store.parent)
-    project_sweep(again.ledger, again.description, again.table, "FINISHED")
+    project_sweep(again.ledger, again.id)
     parents, children = runs(MlflowClient(tracked.uri), tracked.experiment_id)
     assert parents[0].info.status == "FINISHED"
     assert {run.info.status for run in children.values()} == {"FINISHED"}
@@ -125,7 +128,8 @@ def test_a_cell_that_is_repaired_becomes_finished(finished, monkeypatch):
 def test_long_parameters_are_cut_and_kept_whole_in_the_config(finished):
     cell = finished.description["cells"][0]
     cell["config"]["objects"]["train"] = ["procedural:cup-0001"] * 50
-    tracked = project_sweep(finished.ledger, finished.description, finished.table, "FINISHED")
+    write_json(finished.folder / "sweep.json", finished.description)
+    tracked = project_sweep(finished.ledger, finished.id)
     client = MlflowClient(tracked.uri)
     _, children = runs(client, tracked.experiment_id)
     run = children["pretrained-seed0"]
@@ -138,4 +142,133 @@ def test_a_damaged_metrics_file_is_one_line(finished):
     address = finished.description["cells"][0]["model"]
     (finished.ledger.folder(address) / "metrics.jsonl").write_text('{"epoch": 0')
     with pytest.raises(DmfcError, match="cannot be read"):
-        project_sweep(finished.ledger, finished.description, finished.table, "FINISHED")
+        project_sweep(finished.ledger, finished.id)
+
+
+def test_a_run_that_lacks_steps_is_completed_in_its_place(finished):
+    tracked = project_sweep(finished.ledger, finished.id)
+    client = MlflowClient(tracked.uri)
+    before = snapshot(client, tracked.experiment_id)
+    address = finished.description["cells"][1]["model"]
+    metrics = finished.ledger.folder(address) / "metrics.jsonl"
+    line = json.loads(metrics.read_text().splitlines()[0])
+    with metrics.open("a") as out:
+        for epoch in (1, 2):
+            out.write(json.dumps(line | {"epoch": epoch, "loss": 0.1}) + "\n")
+    project_sweep(finished.ledger, finished.id)
+    after = snapshot(client, tracked.experiment_id)
+    assert after["all-seed0"][0] == before["all-seed0"][0]
+    history = after["all-seed0"][6]["finetune/train/loss"]
+    assert [(step, value) for step, value, _ in history] == [(0, 1.0), (1, 0.1), (2, 0.1)]
+
+
+def test_a_rebuilt_database_has_equal_content(finished, tmp_path):
+    tracked = project_sweep(finished.ledger, finished.id)
+    with pytest.raises(DmfcError, match="has runs already"):
+        rebuild(finished.ledger, [finished.id])
+    uri = f"sqlite:///{tmp_path / 'new' / 'mlflow.db'}"
+    (tmp_path / "new").mkdir()
+    shutil.copy(finished.empty, tmp_path / "new" / "mlflow.db")
+    (again,) = rebuild(finished.ledger, [finished.id], uri)
+
+    def comparable(at):
+        return {
+            name: [*seen[1:5], {k: v for k, v in seen[5].items() if k != TAG_PARENT}, *seen[6:]]
+            for name, seen in snapshot(MlflowClient(at.uri), at.experiment_id).items()
+        }
+
+    assert comparable(again) == comparable(tracked)
+
+
+def test_data_code_and_machine_are_told(finished):
+    tracked = project_sweep(finished.ledger, finished.id)
+    client = MlflowClient(tracked.uri)
+    parents, children = runs(client, tracked.experiment_id)
+    inputs = {
+        item.tags[0].value: item.dataset for item in children["all-seed0"].inputs.dataset_inputs
+    }
+    assert inputs["training"].name == inputs["testing"].name == "single scenes"
+    assert inputs["training"].digest != inputs["testing"].digest
+    assert set(json.loads(inputs["training"].source)["stages"]) == {
+        address for address in finished.ledger.addresses("scenes")
+    } - set(json.loads(inputs["testing"].source)["stages"])
+    other = {
+        item.tags[0].value: item.dataset
+        for item in children["pretrained-seed0"].inputs.dataset_inputs
+    }
+    assert other["training"].digest == inputs["training"].digest
+    assert parents[0].data.tags["dmfc.commits"] == parents[0].data.tags["mlflow.source.git.commit"]
+    assert "torch" in parents[0].data.tags["dmfc.versions"]
+    provenance = json.loads(
+        Path(client.download_artifacts(tracked.run_id, "provenance.json")).read_text()
+    )
+    assert provenance[0]["flags"]
+    assert provenance[0]["packages"]["mlflow"]
+
+
+def test_the_best_model_is_registered_once(finished):
+    write_state(finished.folder, "FINISHED", {})
+    tracked = project_sweep(finished.ledger, finished.id)
+    (finished.folder / "tracked.json").unlink()
+    project_sweep(finished.ledger, finished.id)
+    client = MlflowClient(tracked.uri)
+    (version,) = client.search_model_versions("name = 'dmfc-tiny'")
+    best = client.get_model_version_by_alias("dmfc-tiny", "best")
+    assert best.version == version.version
+    assert version.tags["dmfc.cell"] in ("pretrained", "all")
+    assert finished.ledger.finished(version.tags["dmfc.model_stage"])
+    files = {entry.path for entry in client.list_artifacts(version.run_id, "model")}
+    assert "model/weights" in files
+
+
+def test_live_status_and_steps_then_death_then_the_end(finished):
+    """A driver at work, killed, and one that ends it: one run, right each time, no step twice."""
+    ledger, cell = finished.ledger, finished.description["cells"][1]
+    address, work = cell["model"], finished.ledger.work(cell["model"])
+    whole = finished.ledger.folder(address)
+    away = finished.folder / "away"
+    evaluations = [ledger.folder(item) for item in cell["evaluations"]]
+    moved = [(folder, folder.with_name(f"away-{folder.name}")) for folder in evaluations]
+    for folder, place in [(whole, away), *moved]:
+        folder.rename(place)
+    work.mkdir(parents=True)
+    first, *_ = (away / "metrics.jsonl").read_text().splitlines(keepends=True)
+
+    def seen():
+        tracked = project_sweep(ledger, finished.id)
+        client = MlflowClient(tracked.uri)
+        found = snapshot(client, tracked.experiment_id)
+        return found, found[finished.id][1]
+
+    with driving([finished.folder]):
+        write_state(finished.folder, "RUNNING", {})
+        found, parent = seen()
+        assert (found["all-seed0"][1], parent) == ("RUNNING", "RUNNING")  # pre-training is there
+        assert found["pretrained-seed0"][1] == "FINISHED"
+        tell_attempt(work, "x", datetime.now(UTC))
+        (work / "metrics.jsonl").write_text(first + '{"epoch": 1, "st')
+        (work / "system.jsonl").write_text('{"time": 1.5, "cpu_utilization_percentage": 99.0}\n')
+        found, _ = seen()
+        run_id = found["all-seed0"][0]
+        assert found["all-seed0"][1] == "RUNNING"
+        assert [step for step, *_ in found["all-seed0"][6]["finetune/train/loss"]] == [0]
+        assert found["all-seed0"][6]["system/cpu_utilization_percentage"] == [(0, 99.0, 1500)]
+        assert found["all-seed0"][5]["dmfc.progress"].startswith("finetune 0%")
+        assert read_state(finished.folder).drivers
+    assert read_state(finished.folder).status == "KILLED"
+    assert project_stale(ledger) == [finished.id]
+    found, parent = seen()
+    assert (found["all-seed0"][1], parent) == ("KILLED", "KILLED")
+
+    for folder, place in [(whole, away), *moved]:
+        place.rename(folder)
+    shutil.copy(work / "system.jsonl", whole)
+    shutil.rmtree(work)
+    write_state(finished.folder, "FINISHED", {})
+    found, parent = seen()
+    assert (found["all-seed0"][1], parent) == ("FINISHED", "FINISHED")
+    assert found["all-seed0"][0] == run_id
+    assert "dmfc.progress" not in found["all-seed0"][5]
+    history = [(step, value) for step, value, _ in found["all-seed0"][6]["finetune/train/loss"]]
+    assert len(history) == len({step for step, _ in history})
+    assert project_stale(ledger) == []

@@ -1,0 +1,60 @@
+"""Loss per epoch of every model of a sweep, both stages of training."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from dmfc.sweep.ledger import Ledger
+
+METRICS = "metrics.jsonl"
+STAGES = ("pretrain", "finetune")
+
+
+def draw_curves(ledger: Ledger, sweep: Mapping[str, Any], path: Path) -> bool:
+    """Write the picture as PNG: a panel per stage. False, and no picture, if no model is there."""
+    curves: dict[str, dict[str, tuple[str, list[tuple[int, float]]]]] = {s: {} for s in STAGES}
+    for cell in sweep["cells"]:
+        for address in (cell["pretrain"], cell["model"]):
+            if not address or not ledger.finished(address):
+                continue
+            stage = address.partition("/")[0]
+            shared = stage == "pretrain"
+            name = "all cells" if shared else cell["label"]
+            points = _losses(ledger.folder(address) / METRICS)
+            curves[stage].setdefault(address, (f"{name}, seed {cell['seed']}", points))
+    panels = [stage for stage in STAGES if curves[stage]]
+    if not panels:
+        return False
+    figure = Figure(figsize=(9, 3.6), dpi=110, layout="constrained")
+    FigureCanvasAgg(figure)
+    for place, stage in enumerate(panels):
+        axes = figure.add_subplot(1, len(panels), place + 1)
+        for label, points in curves[stage].values():
+            axes.plot(
+                [x for x, _ in points],
+                [y for _, y in points],
+                label=label,
+                linewidth=1.2,
+                marker=".",
+            )
+        axes.set_title(f"{stage}: training loss", loc="left", fontsize=11)
+        axes.set_xlabel("epoch")
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        axes.grid(alpha=0.3)
+        if len(curves[stage]) <= 12:  # more do not fit
+            axes.legend(fontsize=8, frameon=False)
+    figure.savefig(path)
+    return True
+
+
+def _losses(path: Path) -> list[tuple[int, float]]:
+    """Epochs (from 1) and the training loss of each."""
+    lines = [json.loads(line) for line in path.read_text().splitlines()]
+    return [(line["epoch"] + 1, line["loss"]) for line in lines if line["split"] == "train"]

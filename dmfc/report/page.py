@@ -1,0 +1,230 @@
+"""A sweep as one page of HTML that needs nothing else: table, figures, tests, what made it."""
+
+from __future__ import annotations
+
+import base64
+import json
+import tempfile
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from dmfc.errors import DmfcError
+from dmfc.report.curves import draw_curves
+from dmfc.report.failures import draw_failures
+from dmfc.report.figure import draw_rates
+from dmfc.report.formats import paper_text
+from dmfc.report.paired import compare
+from dmfc.report.rates import Rate, concatenate
+from dmfc.report.table import CellRows, SweepTable, TableRow
+from dmfc.report.trial_figure import draw_trials
+from dmfc.report.trials import trial_lines
+from dmfc.sweep.ledger import Ledger
+from dmfc.sweep.provenance import read_provenance
+from dmfc.sweep.stage import differences
+from dmfc.sweep.state import read_state
+
+PAGE = "table.html"
+MARKER = "tracked.json"
+"""Where tracking says which run is which (written there, read here)."""
+UI = "http://127.0.0.1:5000"
+CHANGES = 6
+"""Settings named per cell; of more only the number."""
+
+
+def write_page(
+    ledger: Ledger,
+    sweep: Mapping[str, Any],
+    table: SweepTable,
+    cells: Sequence[CellRows],
+    figures: Sequence[Mapping[str, str]],
+) -> Path:
+    """Write `table.html` with `figures` (of `draw_figures`) into the sweep's folder."""
+    folder = ledger.store / "sweeps" / table.id
+    marker = folder / MARKER
+    tracked = json.loads(marker.read_text()) if marker.is_file() else {}
+    base = next(row for row in table.rows if row.name == sweep["baseline"])
+    text = _template().render(
+        table=table,
+        status=read_state(folder).status,
+        baseline_label=base.label,
+        rows=[_row(row, base, table, cells, tracked) for row in table.rows],
+        tracked=bool(tracked),
+        has_paper=any(row.paper for row in table.rows),
+        figures=figures,
+        trials=_searched(table, list(dict.fromkeys(cell.seed for cell in cells)), tracked),
+        objects=_objects(table),
+        reasons=_reasons(table),
+        calls=[_call(call) for call in read_provenance(folder)],
+        settings=_settings(sweep),
+    )
+    path = folder / PAGE
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def draw_figures(
+    ledger: Ledger, sweep: Mapping[str, Any], table: SweepTable
+) -> list[dict[str, str]]:
+    """Draw `table.png` and `curves.png` into the sweep's folder; all figures as text for a page."""
+    folder = ledger.store / "sweeps" / table.id
+    draw_rates(table, folder / "table.png")
+    drawn = [("The rates with their 95 % intervals", folder / "table.png")]
+    if table.trials:
+        draw_trials(table.trials, folder / "search.png")
+        drawn.append(("Trials of the search: objective by setting", folder / "search.png"))
+    if draw_curves(ledger, sweep, folder / "curves.png"):
+        drawn.append(("Training loss per epoch", folder / "curves.png"))
+    with tempfile.TemporaryDirectory() as temporary:
+        path = Path(temporary) / "reasons.png"
+        draw_failures(table, path)
+        drawn.insert(1, ("What became of each executed grasp", path))
+        return [
+            {"alt": alt, "data": base64.b64encode(path.read_bytes()).decode()}
+            for alt, path in drawn
+        ]
+
+
+@cache
+def _template() -> Any:
+    from jinja2 import Environment, StrictUndefined
+
+    source = Path(__file__).with_name("page.html").read_text(encoding="utf-8")
+    return Environment(autoescape=True, undefined=StrictUndefined).from_string(source)
+
+
+def _row(
+    row: TableRow,
+    base: TableRow,
+    table: SweepTable,
+    cells: Sequence[CellRows],
+    tracked: Mapping[str, Any],
+) -> dict[str, Any]:
+    seeds = [cell.seed for cell in cells if cell.name == row.name]
+    return {
+        "label": row.label,
+        "trials": row.trials,
+        "failure": row.failure,
+        "rates": [_rate(row, name) for name in table.show],
+        "paired": _paired(row, base, cells),
+        "runs": _runs(row.name, seeds, tracked),
+    }
+
+
+def _runs(cell: str, seeds: Sequence[int], tracked: Mapping[str, Any]) -> list[dict[str, str]]:
+    """Links to a cell's runs in MLflow, those that are there."""
+    known = tracked.get("runs", {})
+    return [
+        {
+            "name": f"seed {seed}",
+            "url": f"{UI}/#/experiments/{tracked['experiment_id']}/runs/{known[name]}",
+        }
+        for seed in seeds
+        if (name := f"{cell}-seed{seed}") in known
+    ]
+
+
+def _searched(
+    table: SweepTable, seeds: Sequence[int], tracked: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Head and lines of the search's table; empty where there was none."""
+    if not table.trials:
+        return {}
+    head, *lines = trial_lines(table.trials)
+    rows = [
+        {"cells": line, "best": trial.best, "runs": _runs(trial.name, seeds, tracked)}
+        for line, trial in zip(lines, table.trials, strict=True)
+    ]
+    return {"head": head, "rows": rows}
+
+
+def _rate(row: TableRow, name: str) -> dict[str, str]:
+    rate, paper = row.rate(name), paper_text(row, name)
+    if rate.value is None or rate.interval is None:
+        return {"text": "–", "interval": "", "paper": paper, "difference": "", "sign": ""}
+    low, high = rate.interval
+    difference, sign = "", ""
+    if name in row.paper:
+        value = row.paper[name][0]
+        difference = f"{rate.value - value:+.2f}"
+        # Coloured only where the paper's figure is outside our interval.
+        sign = "worse" if high < value else "better" if low > value else ""
+    return {
+        "text": f"{rate.value:.2f} ± {rate.standard_error:.2f}",
+        "interval": f"[{low:.2f}, {high:.2f}]",
+        "paper": paper,
+        "difference": difference,
+        "sign": sign,
+    }
+
+
+def _paired(row: TableRow, base: TableRow, cells: Sequence[CellRows]) -> dict[str, str]:
+    """The difference to the base row over the same trials; empty where there are no pairs."""
+    nothing = {"text": "", "interval": "", "p": "", "sign": ""}
+    if row.name == base.name:
+        return {**nothing, "text": "base"}
+    try:
+        found = compare(_trials(row.name, cells), _trials(base.name, cells))
+    except DmfcError:
+        return nothing
+    sign = "better" if found.low > 0 else "worse" if found.high < 0 else ""
+    return {
+        "text": f"{found.difference:+.2f}",
+        "interval": f"[{found.low:+.2f}, {found.high:+.2f}]",
+        "p": f"{found.p_scenes:.2g}",
+        "sign": sign,
+    }
+
+
+def _trials(name: str, cells: Sequence[CellRows]) -> Any:
+    parts = [cell.rows.assign(seed=cell.seed) for cell in cells if cell.name == name]
+    return concatenate([part for part in parts if len(part)])
+
+
+def _objects(table: SweepTable) -> list[dict[str, Any]]:
+    names = sorted({name for row in table.rows for name in row.objects})
+
+    def cell(row: TableRow, name: str) -> dict[str, Any]:
+        rate = row.objects[name].overall if name in row.objects else Rate(0, 0)
+        text = "" if rate.value is None else f"{rate.value:.2f} ({rate.trials})"
+        return {"value": rate.value, "text": text}
+
+    return [{"name": name, "cells": [cell(row, name) for row in table.rows]} for name in names]
+
+
+def _reasons(table: SweepTable) -> list[dict[str, Any]]:
+    totals: dict[str, int] = {}
+    for row in table.rows:
+        for name, count in row.reasons.items():
+            totals[name] = totals.get(name, 0) + count
+    ordered = sorted(totals, key=lambda name: (-totals[name], name))
+    return [
+        {"name": name, "counts": [row.reasons.get(name, 0) for row in table.rows]}
+        for name in ordered
+    ]
+
+
+def _call(call: Mapping[str, Any]) -> dict[str, Any]:
+    started = datetime.fromtimestamp(call["started"], UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
+    return {"diff": None, **call, "started": started}
+
+
+def _settings(sweep: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Each cell's stages, and how its settings differ from those of the first."""
+    first = sweep["cells"][0]["config"]
+    described = []
+    for cell in sweep["cells"]:
+        changes = list(differences(first, cell["config"]))
+        shown = "; ".join(changes[:CHANGES])
+        more = f"; and {len(changes) - CHANGES} more" if len(changes) > CHANGES else ""
+        stages = [cell["pretrain"], cell["model"], *cell["evaluations"]]
+        described.append(
+            {
+                "label": f"{cell['label']}, seed {cell['seed']}",
+                "changes": shown + more,
+                "stages": [address for address in stages if address],
+            }
+        )
+    return described

@@ -1,0 +1,95 @@
+"""MLflow while a sweep runs: a process beside the driver writes, and outlives it.
+
+The driver only holds a pipe to it. When the pipe closes, whatever closed it, the process brings
+MLflow up to date once more and ends: runs of a driver that was killed are shown as killed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import select
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from dmfc.errors import DmfcError
+from dmfc.sweep.ledger import Ledger
+
+END_SECONDS = 120.0
+"""Time that the driver waits for the last update."""
+DEATH_SECONDS = 2.0
+"""Time after the pipe closed in which a killed driver's lock is freed."""
+
+
+class LiveTracking:
+    """The driver's end: starts the writer when a sweep takes longer than one interval."""
+
+    def __init__(self, ledger: Ledger, sweep_ids: Sequence[str], uri: str, seconds: float) -> None:
+        self._ledger, self._sweep_ids = ledger, list(sweep_ids)
+        self._uri, self._seconds = uri, seconds
+        self._due = time.monotonic() + seconds if seconds > 0 else float("inf")
+        self._process: subprocess.Popen | None = None
+
+    def tick(self) -> None:
+        """Call often: starts the writer once it is due."""
+        if self._process is None and time.monotonic() >= self._due:
+            self._start()
+
+    def finish(self) -> None:
+        """Let the writer make its last update, and wait for it."""
+        if self._process is None or self._process.stdin is None:
+            return
+        with contextlib.suppress(BrokenPipeError):
+            self._process.stdin.close()
+        try:
+            self._process.wait(END_SECONDS)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+    def _start(self) -> None:
+        command = [
+            sys.executable, "-m", "dmfc.tracking.live",
+            str(self._ledger.store), self._uri, str(self._seconds), *self._sweep_ids,
+        ]  # fmt: skip
+        self._ledger.prepare()
+        with (self._ledger.store / "work" / "tracking.log").open("a") as log:
+            # A session of its own: Ctrl-C in the terminal is the driver's business.
+            self._process = subprocess.Popen(
+                command, stdin=subprocess.PIPE, stdout=log, stderr=log, start_new_session=True
+            )
+
+
+def write_until_closed(store: Path, uri: str, seconds: float, sweep_ids: Sequence[str]) -> None:
+    """Bring MLflow up to date every so many seconds until standard input closes, and once more."""
+    from dmfc.sweep.state import read_state
+    from dmfc.tracking.project import project_sweep
+    from dmfc.tracking.writer import Writer
+
+    ledger = Ledger(store)
+    writers: dict[str, Writer] = {}
+
+    def writer(place: str) -> Writer:
+        return writers.setdefault(place, writers.get(place) or Writer(place))
+
+    closed = False
+    while not closed:
+        for sweep_id in sweep_ids:
+            try:
+                project_sweep(ledger, sweep_id, uri, writer)
+            except DmfcError as error:
+                print(error, flush=True)
+        closed = bool(select.select([sys.stdin], [], [], seconds)[0])
+    end = time.monotonic() + DEATH_SECONDS
+    for sweep_id in sweep_ids:
+        folder = ledger.store / "sweeps" / sweep_id
+        while read_state(folder).status == "RUNNING" and time.monotonic() < end:
+            time.sleep(0.1)
+        project_sweep(ledger, sweep_id, uri, writer)
+
+
+if __name__ == "__main__":
+    place, at, every, *ids = sys.argv[1:]
+    write_until_closed(Path(place), at, float(every), ids)

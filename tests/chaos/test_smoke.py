@@ -1,0 +1,129 @@
+"""The smoke sweep, with its science, on two nodes of which parts are killed: `make chaos`."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from dmfc.sweep.ledger import Ledger
+from dmfc.sweep.state import read_state
+from tests.sweep.test_chaos import one_finished_run_per_cell, rows
+from tests.sweep.two_nodes import TwoNodes
+
+pytestmark = pytest.mark.chaos
+ROOT = Path(__file__).resolve().parents[2]
+PATIENCE = 1800.0
+SWEEP = ("sweep", "table2", "--preset", "smoke", "--json")
+COMMAND = [sys.executable, "-c", "from dmfc.cli import main; main()"]
+
+
+@pytest.fixture(autouse=True)
+def here(monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}:{os.environ['PATH']}")
+
+
+def workers() -> list[int]:
+    """Processes of Ray that work on a stage."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/cmdline"):
+        try:
+            name = path.read_bytes()
+        except OSError:
+            continue
+        if name.startswith(tuple(f"ray::{k}".encode() for k in ("pretrain", "finetune", "eval"))):
+            found.append(int(path.parent.name))
+    return found
+
+
+def until(condition, driver) -> None:
+    end = time.monotonic() + PATIENCE
+    while not condition():
+        assert driver.poll() is None
+        assert time.monotonic() < end
+        time.sleep(0.2)
+
+
+def test_a_smoke_sweep_survives_everything(tmp_path, shadow_hand_dir):
+    chance = random.Random(0)
+    ledger, calm = Ledger(tmp_path / "store"), Ledger(tmp_path / "calm")
+    with TwoNodes() as nodes:
+        settings = [f"run.ray_address={nodes.address}", "run.tracking_seconds=2", "run.retries=3"]
+        options = [word for setting in settings for word in ("--set", setting)]
+        call = [*COMMAND, *SWEEP, *options, "--store", ledger.store]
+
+        def drive() -> subprocess.Popen:
+            return subprocess.Popen(call, stdout=subprocess.DEVNULL)
+
+        first = drive()
+        until(workers, first)
+        os.kill(chance.choice(workers()), signal.SIGKILL)
+        until(lambda: list(ledger.addresses("pretrain")), first)
+        nodes.kill_worker_node()
+        until(lambda: list(ledger.addresses("evaluate")), first)
+        first.kill()
+        first.wait()
+        (folder,) = (ledger.store / "sweeps").iterdir()
+        assert read_state(folder).status == "KILLED"
+        made = {a: ledger.record(a)["started"] for a in ledger.addresses()}
+        assert drive().wait(PATIENCE) == 0
+    subprocess.run([*COMMAND, *SWEEP, "--store", calm.store], check=True, stdout=subprocess.DEVNULL)
+    assert set(ledger.addresses()) == set(calm.addresses())
+    assert all(ledger.record(address)["started"] == at for address, at in made.items())
+    pd.testing.assert_frame_equal(
+        rows(ledger, folder.name).drop(columns="seconds", errors="ignore"),
+        rows(calm, folder.name).drop(columns="seconds", errors="ignore"),
+    )
+    one_finished_run_per_cell(ledger, folder.name, epochs=1)
+
+
+def test_a_ray_job_runs_on_a_cluster_of_two_nodes(tmp_path, shadow_hand_dir, monkeypatch):
+    """jobs/ray_job.sh as a user calls it; two `ray start` are the cluster, with a token."""
+    monkeypatch.setenv("RAY_AUTH_MODE", "token")
+    monkeypatch.setenv("RAY_AUTH_TOKEN", "0123456789abcdef" * 2)
+    port, dashboard = 26379, 28265
+    common = ["--num-cpus=1", "--object-store-memory=100000000", "--block"]
+    head = ["--head", f"--port={port}", f"--dashboard-port={dashboard}", "--include-dashboard=true"]
+    nodes = [subprocess.Popen(["ray", "start", *head, *common], stdout=subprocess.DEVNULL)]
+    try:
+        address = f"127.0.0.1:{port}"
+        takes_jobs = ["ray", "job", "submit", "--address", f"http://127.0.0.1:{dashboard}", "--"]
+        end = time.monotonic() + 300
+        while subprocess.run([*takes_jobs, "true"], capture_output=True, check=False).returncode:
+            assert time.monotonic() < end
+            time.sleep(1)
+        node = ["ray", "start", f"--address={address}", *common]
+        nodes.append(subprocess.Popen(node, stdout=subprocess.DEVNULL))
+        done = subprocess.run(
+            [ROOT / "jobs" / "ray_job.sh", "table2", "--preset", "smoke"],
+            env={
+                **os.environ,
+                "RAY_ADDRESS": f"http://127.0.0.1:{dashboard}",
+                "STORE": str(tmp_path),
+            },
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE,
+            check=False,
+        )
+    finally:
+        for process in reversed(nodes):  # a node takes its leave of the head
+            process.terminate()
+            process.wait(120)
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
+    assert "succeeded" in done.stdout
+    (folder,) = (tmp_path / "sweeps").iterdir()
+    assert read_state(folder).status == "FINISHED"
+    table = pd.read_parquet(folder / "trials.parquet")
+    assert Counter(table["cell"]) == {
+        name: 8 for name in ("pretrained", "all", "planner", "random")
+    }
