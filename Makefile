@@ -8,8 +8,11 @@ STORE ?= store
 PRESET ?= quick
 # One compute thread per process: on a few cores more of them slow each other down.
 export OMP_NUM_THREADS ?= 1
+# Freed memory is kept for the next training step instead of given back to the system (glibc).
+export MALLOC_MMAP_MAX_ ?= 0
+export MALLOC_TRIM_THRESHOLD_ ?= 1073741824
 
-.PHONY: install reproduce test test-all bench lint format clean
+.PHONY: install reproduce test test-all chaos bench lint format clean
 
 install: $(STAMP)
 
@@ -27,11 +30,15 @@ reproduce: install
 
 # Everything that needs Python packages alone.
 test: install
-	$(BIN)/python -m pytest -m "not full"
+	$(BIN)/python -m pytest -m "not full and not chaos"
 
 # And what needs a browser, or minutes.
 test-all: install
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -m "not chaos"
+
+# Kills workers, nodes and drivers under a sweep on a cluster of two nodes on this machine.
+chaos: install
+	$(BIN)/python -m pytest tests/sweep/test_chaos.py tests/chaos
 
 bench: install
 	$(BIN)/python -m pytest tests/benchmarks/bench_*.py --benchmark-only
