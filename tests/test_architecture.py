@@ -32,7 +32,7 @@ LAYERS = [
     {"sweep"},
     {"report"},
     {"tracking"},
-    {"cli", "cli_common", "cli_data", "cli_doctor", "cli_model", "cli_sweep"},
+    {path.stem for path in PACKAGE.glob("cli*.py")},
 ]
 """Lowest first; a part imports from its own layer and from lower ones."""
 
@@ -123,7 +123,9 @@ def test_every_package_is_shipped():
         for path in PACKAGE.rglob("*")
         if path.is_file() and path.parent.name != "__pycache__"
     }
-    assert set(settings["packages"]) == there | {"dmfc.configs", "dmfc.sweeps"}
+    assert set(settings["packages"]) == there | {
+        f"dmfc.{n}" for n in ("configs", "sweeps", "protocols")
+    }
     for name, folder in settings["package-dir"].items():
         assert name in settings["packages"]
         assert list((ROOT / folder).glob("*.yaml"))

@@ -17,16 +17,18 @@ from dmfc import cli
 from dmfc.sweep import selection
 from dmfc.sweep.kinds import KINDS
 from dmfc.sweep.pools import LocalPool
+from tests.sweep.fake_science import FAKES, fake_refs
 
-HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE / "sweep"))
+ROOT = Path(__file__).resolve().parents[1]
 
-from fake_science import FAKES, fake_refs  # noqa: E402  # shared with the tests of the engine
 
 VERBS = [
     ["doctor"], ["assets", "list"], ["assets", "pull"], ["assets", "verify"], ["objects", "list"],
     ["objects", "prepare"], ["grasps", "plan"], ["grasps", "stats"], ["scenes", "make"],
-    ["scenes", "stats"], ["train"], ["evaluate"], ["sweep"], ["tables"], ["ui"],
+    ["scenes", "stats"], ["scenes", "show"], ["scenes", "freeze"], ["train"],
+    ["evaluate"], ["sweep", "run"], ["sweep", "status"], ["tables"],
+    ["ui"], ["store", "list"], ["store", "show"], ["store", "verify"], ["store", "prune"],
+    ["store", "export"], ["store", "import"], ["tracking", "rebuild"], ["tracking", "sync"],
 ]  # fmt: skip
 
 
@@ -61,7 +63,7 @@ def test_every_verb_has_help(dmfc, verb):
     status, out, _ = dmfc(*verb, "--help")
     assert status == 0
     assert "Usage: dmfc" in out
-    if verb[0] in ("sweep", "train", "evaluate", "scenes", "grasps"):
+    if verb[0] in ("train", "evaluate", "scenes", "grasps") or verb == ["sweep", "run"]:
         for option in ("--preset", "--set", "--store", "--json"):
             assert option in out
 
@@ -74,7 +76,7 @@ def test_every_verb_has_help(dmfc, verb):
         (["train", "--set", "losses.weights.colision=1"], "losses.weights.collision"),
         (["train", "--set", "training.batch_size=x"], "training.batch_size"),
         (["train", "--stage", "pretrian"], "did you mean 'pretrain'"),
-        (["evaluate", "--model", "plannner"], "did you mean 'planner'"),
+        (["evaluate", "plannner"], "did you mean 'planner'"),
         (["scenes", "make", "--split", "tset"], "did you mean 'test'"),
         (["objects", "prepare", "ycp:mug"], "ycb"),
         (["objects", "prepare", "folder:/nowhere/mesh.stl"], "/nowhere/mesh.stl"),
@@ -136,7 +138,7 @@ def test_a_sweep_from_file_to_table(dmfc, no_science, tmp_path, monkeypatch):
         raise AssertionError("started though all is done")
 
     monkeypatch.setattr("dmfc.sweep.engine.RayPool", forbidden)
-    monkeypatch.setattr("dmfc.tracking.project._Writer", forbidden)
+    monkeypatch.setattr("dmfc.tracking.writer.Writer.__init__", forbidden)
     status, out, _ = dmfc(*arguments)
     second = json.loads(out)
     assert status == 0
@@ -156,7 +158,10 @@ def test_a_sweep_from_file_to_table(dmfc, no_science, tmp_path, monkeypatch):
     listed = json.loads(out)
     assert {stage["done"] for stage in listed["stages"]} == {True}
     status, out, _ = dmfc(*arguments, "--dry-run", "--set", "execution.min_confidence=0.3")
-    kinds = {kind["kind"]: kind for kind in json.loads(out)["kinds"]}
+    listed = json.loads(out)
+    whys = {stage["why"] for stage in listed["stages"] if not stage["done"]}
+    assert whys == {"execution.min_confidence 0.15 -> 0.3"}
+    kinds = {kind["kind"]: kind for kind in listed["kinds"]}
     assert kinds["evaluate"]["done"] == 0
     assert kinds["finetune"]["done"] == kinds["finetune"]["stages"] == 4
 
@@ -194,9 +199,18 @@ def test_two_sweeps_in_one_call_share_stages(dmfc, no_science, tmp_path):
 
 def test_evaluate_and_train_run_what_they_need(dmfc, no_science, tmp_path):
     options = ("--preset", "smoke", "--store", tmp_path, "--json")
-    status, out, _ = dmfc("evaluate", "--model", "planner", *options)
+    status, out, _ = dmfc("evaluate", "planner", *options)
     assert status == 0
     assert json.loads(out)["rates"]["valid"]["value"] == 1.0
+    assert json.loads(out)["diversity"] == {"proposed": 512, "executed_position": 0.1}
+    own = ("--scenes", "multi:5", "--protocol", "dexgraspbench", "--out", tmp_path / "own")
+    status, out, _ = dmfc("evaluate", "random", *own, *options)
+    assert json.loads(out)["trials"] == 20
+    assert {path.name for path in (tmp_path / "own").iterdir()} == {
+        *("trials.parquet", "diversity.parquet", "summary.json", "failures.png")
+    }
+    status, out, _ = dmfc("compare", tmp_path / "own", tmp_path / "own", "--json")
+    assert (json.loads(out)["trials"], json.loads(out)["difference"]) == (20, 0.0)
     status, out, _ = dmfc("train", "--stage", "pretrain", *options)
     assert [line["epoch"] for line in json.loads(out)["metrics"]] == [0, 1]
 
@@ -204,24 +218,27 @@ def test_evaluate_and_train_run_what_they_need(dmfc, no_science, tmp_path):
 def test_ctrl_c_prints_the_line_that_resumes(tmp_path):
     """A real process and a real signal, between two slow stages."""
     code = (
-        "import sys; sys.path.insert(0, {here!r})\n"
-        "import trivial_graph\n"
+        "import sys\n"
+        "from tests.sweep import trivial_graph\n"
         "from dmfc import cli_common, cli\n"
         "from dmfc.sweep import engine, pools\n"
         "from dmfc.sweep.ledger import Ledger\n"
         "from dmfc.config.schema import Config\n"
         "from pathlib import Path\n"
         "engine.RayPool, engine.kind_of = pools.LocalPool, lambda n, k: trivial_graph.TRIVIAL[n]\n"
-        "stages = [trivial_graph.trivial('slow', f's{{i}}', i, seconds=1) for i in range(20)]\n"
+        "stages = [trivial_graph.trivial('slow', f's{i}', i, seconds=1) for i in range(20)]\n"
         "sys.argv = ['dmfc', 'sweep', 'my sweep.yaml']\n"
-        "cli_common.run_shown(stages, Ledger(Path({store!r})), Config())\n"
-    ).format(here=str(HERE / "sweep"), store=str(tmp_path))
+        "from dmfc.sweep.watch import Progress\n"
+        f"ledger = Ledger(Path({str(tmp_path)!r}))\n"
+        "watcher = Progress(ledger, cli_common.stderr(), trivial_graph.TRIVIAL)\n"
+        "cli_common.run_shown(stages, ledger, Config(), watcher)\n"
+    )
     process = subprocess.Popen(
         [sys.executable, "-c", code],
         stderr=subprocess.PIPE,
         text=True,
-        cwd=HERE.parent,
-        env={**os.environ, "PYTHONPATH": str(HERE.parent)},
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
     )
     end = time.monotonic() + 60
     while not list(tmp_path.glob("stages/slow/*/stage.json")) and time.monotonic() < end:
