@@ -1,7 +1,7 @@
 """Compiled loops of the proposals: a hand is placed and compared with an object's distance grid.
 
-A link whose bounding sphere cannot matter is passed over, so that of 2,000 points few are looked
-up. Signed distances are positive inside; the object frame throughout; metres and radians.
+Links, and clusters of neighbouring points on them, whose bounding spheres cannot matter are passed
+over, so that of 2,000 points few are looked up. Signed distances are positive inside; the object frame throughout; metres and radians.
 """
 
 from __future__ import annotations
@@ -20,8 +20,12 @@ FAR = -0.02
 """A finger this far off is not measured any closer while it comes, metres."""
 
 
+_CLUSTER = 12
+"""Points of a cluster, at most."""
+
+
 class HandArrays(NamedTuple):
-    """A hand of L links, D degrees of freedom and P points on its surface."""
+    """A hand of L links, D degrees of freedom and P points on its surface, in C clusters."""
 
     parents: np.ndarray
     T_parent_link: np.ndarray
@@ -29,12 +33,18 @@ class HandArrays(NamedTuple):
     dof: np.ndarray
     scale: np.ndarray
     first: np.ndarray
-    """[L + 1] the points of link l are first[l]:first[l + 1]."""
+    """[C + 1] the points of cluster c are first[c]:first[c + 1]."""
     points: np.ndarray
     """[P, 3] link frames."""
     centre: np.ndarray
-    """[L, 3] of a sphere around the points of a link, link frame."""
+    """[C, 3] of a sphere around the points of a cluster, link frame."""
     radius: np.ndarray
+    """[C] of that sphere."""
+    clusters: np.ndarray
+    """[L + 1] the clusters of link l are clusters[l]:clusters[l + 1]."""
+    link_centre: np.ndarray
+    """[L, 3] of a sphere around the points of a link, link frame."""
+    link_radius: np.ndarray
     """[L] of that sphere; negative where a link has no points."""
     finger: np.ndarray
     """[L] finger of each link, -1 for the palm."""
@@ -53,21 +63,41 @@ class GridArrays(NamedTuple):
 
 def hand_arrays(hand: HandModel, finger_of_link: np.ndarray) -> HandArrays:
     """The arrays of a hand; finger_of_link [L]."""
-    order = np.argsort(hand.collision_link, kind="stable")
-    points = np.ascontiguousarray(hand.collision_points[order], dtype=np.float64)
-    first = np.searchsorted(hand.collision_link[order], np.arange(hand.links + 1))
-    centre, radius = np.zeros((hand.links, 3)), np.full(hand.links, -1.0)
-    for link in range(hand.links):
-        own = points[first[link] : first[link + 1]]
-        if len(own):
-            centre[link] = 0.5 * (own.min(axis=0) + own.max(axis=0))
-            radius[link] = np.linalg.norm(own - centre[link], axis=1).max()
+    points = np.asarray(hand.collision_points, dtype=np.float64)
+    rows = [np.flatnonzero(hand.collision_link == link) for link in range(hand.links)]
+    split = [_clusters(points, own) for own in rows]
+    flat = [cluster for own in split for cluster in own]
+    spheres = (*_spheres([points[c] for c in flat]), np.cumsum([0, *map(len, split)]))
+    link_spheres = _spheres([points[own] for own in rows])
+    first = np.cumsum([0, *map(len, flat)])
+    points = np.ascontiguousarray(points[np.concatenate(flat)])
     real = [hand.T_parent_link, hand.joint_axis, hand.joint_scale]
     T, axis, scale = (np.ascontiguousarray(array, dtype=np.float64) for array in real)
     limits = [np.asarray(array, dtype=np.float64) for array in (hand.lower, hand.upper)]
     flexion = np.asarray(hand.flexion, dtype=np.float64)
     tree = (hand.parents.astype(np.int64), T, axis, hand.joint_dof.astype(np.int64), scale)
-    return HandArrays(*tree, first, points, centre, radius, finger_of_link, flexion, *limits)
+    surface = (first, points, *spheres, *link_spheres)
+    return HandArrays(*tree, *surface, finger_of_link, flexion, *limits)
+
+
+def _clusters(points: np.ndarray, rows: np.ndarray) -> list[np.ndarray]:
+    """Rows of the points, halved along their longest side until they are few enough."""
+    if len(rows) <= _CLUSTER:
+        return [rows] if len(rows) else []
+    side = np.argmax(np.ptp(points[rows], axis=0))
+    rows = rows[np.argsort(points[rows, side], kind="stable")]
+    half = len(rows) // 2
+    return _clusters(points, rows[:half]) + _clusters(points, rows[half:])
+
+
+def _spheres(groups: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Centres [n, 3] and radii [n] around groups of points; -1 around none."""
+    centre, radius = np.zeros((len(groups), 3)), np.full(len(groups), -1.0)
+    for row, own in enumerate(groups):
+        if len(own):
+            centre[row] = 0.5 * (own.min(axis=0) + own.max(axis=0))
+            radius[row] = np.linalg.norm(own - centre[row], axis=1).max()
+    return centre, radius
 
 
 def grid_arrays(grid: Grid) -> GridArrays:
@@ -135,6 +165,18 @@ def place(
             R[link, i, 2] = r * c + (p * y - q * x) * s + z * along
 
 
+@njit(cache=True, error_model="numpy", inline="always")
+def _moved(
+    Q: np.ndarray, o: np.ndarray, p: np.ndarray, shift: np.ndarray
+) -> tuple[float, float, float]:
+    """Q p + o + shift."""
+    return (
+        Q[0, 0] * p[0] + Q[0, 1] * p[1] + Q[0, 2] * p[2] + o[0] + shift[0],
+        Q[1, 0] * p[0] + Q[1, 1] * p[1] + Q[1, 2] * p[2] + o[1] + shift[1],
+        Q[2, 0] * p[0] + Q[2, 1] * p[1] + Q[2, 2] * p[2] + o[2] + shift[2],
+    )
+
+
 @njit(cache=True, error_model="numpy")
 def deepest(
     hand: HandArrays,
@@ -154,26 +196,23 @@ def deepest(
     # Of the lookup: 1 in the grid but for its error of 0.7 voxels at each end, sqrt(2) beyond it.
     slope, error = 1.4143, 1.5 * grid.spacing
     for link in range(len(hand.parents)):
-        if hand.radius[link] < 0 or (finger != ALL and hand.finger[link] != finger):
+        if hand.link_radius[link] < 0 or (finger != ALL and hand.finger[link] != finger):
             continue
-        Q = R[link]
-        ox, oy, oz = t[link, 0] + shift[0], t[link, 1] + shift[1], t[link, 2] + shift[2]
-        p = hand.centre[link]
-        x = Q[0, 0] * p[0] + Q[0, 1] * p[1] + Q[0, 2] * p[2] + ox
-        y = Q[1, 0] * p[0] + Q[1, 1] * p[1] + Q[1, 2] * p[2] + oy
-        z = Q[2, 0] * p[0] + Q[2, 1] * p[1] + Q[2, 2] * p[2] + oz
-        if lookup(grid, x, y, z) + slope * hand.radius[link] + error <= best:
+        Q, o = R[link], t[link]
+        x, y, z = _moved(Q, o, hand.link_centre[link], shift)
+        if lookup(grid, x, y, z) + slope * hand.link_radius[link] + error <= best:
             continue
-        for row in range(hand.first[link], hand.first[link + 1]):
-            p = hand.points[row]
-            x = Q[0, 0] * p[0] + Q[0, 1] * p[1] + Q[0, 2] * p[2] + ox
-            y = Q[1, 0] * p[0] + Q[1, 1] * p[1] + Q[1, 2] * p[2] + oy
-            z = Q[2, 0] * p[0] + Q[2, 1] * p[1] + Q[2, 2] * p[2] + oz
-            depth = lookup(grid, x, y, z)
-            if depth > best:
-                best = depth
-                if best > enough:
-                    return best
+        for c in range(hand.clusters[link], hand.clusters[link + 1]):
+            x, y, z = _moved(Q, o, hand.centre[c], shift)
+            if lookup(grid, x, y, z) + slope * hand.radius[c] + error <= best:
+                continue
+            for row in range(hand.first[c], hand.first[c + 1]):
+                x, y, z = _moved(Q, o, hand.points[row], shift)
+                depth = lookup(grid, x, y, z)
+                if depth > best:
+                    best = depth
+                    if best > enough:
+                        return best
     return best
 
 
@@ -183,8 +222,9 @@ def above(
 ) -> bool:
     """Whether every point, moved by shift, has plane[:3] . p + plane[3] > 0."""
     a, b, c = plane[0], plane[1], plane[2]
+    steep = np.sqrt(a * a + b * b + c * c)
     for link in range(len(hand.parents)):
-        if hand.radius[link] < 0:
+        if hand.link_radius[link] < 0:
             continue
         Q = R[link]
         u = a * Q[0, 0] + b * Q[1, 0] + c * Q[2, 0]
@@ -193,11 +233,11 @@ def above(
         base = plane[3]
         for i in range(3):
             base += plane[i] * (t[link, i] + shift[i])
-        p = hand.centre[link]
-        steep = np.sqrt(a * a + b * b + c * c)
-        if base + u * p[0] + v * p[1] + w * p[2] > steep * hand.radius[link]:
+        p = hand.link_centre[link]
+        if base + u * p[0] + v * p[1] + w * p[2] > steep * hand.link_radius[link]:
             continue
-        for row in range(hand.first[link], hand.first[link + 1]):
+        first, last = hand.clusters[link], hand.clusters[link + 1]
+        for row in range(hand.first[first], hand.first[last]):
             p = hand.points[row]
             if base + u * p[0] + v * p[1] + w * p[2] <= 0.0:
                 return False
