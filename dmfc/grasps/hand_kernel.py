@@ -1,7 +1,8 @@
 """Compiled loops of the proposals: a hand is placed and compared with an object's distance grid.
 
 Links, and clusters of neighbouring points on them, whose bounding spheres cannot matter are passed
-over, so that of 2,000 points few are looked up. Signed distances are positive inside; the object frame throughout; metres and radians.
+over, so that of 2,000 points few are looked up. Signed distances are positive inside; the object
+frame throughout; metres and radians.
 """
 
 from __future__ import annotations
