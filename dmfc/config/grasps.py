@@ -10,8 +10,9 @@ from dmfc.config.setting import setting
 
 @dataclass(frozen=True)
 class GraspsConfig:
-    source: Literal["plan", "library"] = setting(
-        "plan", "plan the grasps, or take those that come with the package"
+    source: Literal["plan", "library", "either"] = setting(
+        "plan",
+        "plan the grasps, take those that come with the package, or plan only what it lacks",
     )
     per_object: int = setting(100, "verified grasps wanted per object")
     max_checks: int = setting(2000, "checks in MuJoCo per object before the planner gives up")

@@ -22,15 +22,19 @@ def file_name(hand: str, object_id: str) -> str:
     return f"{hand}/{object_id.replace('/', '__')}.parquet"
 
 
+def in_library(hand: str, object_id: str) -> bool:
+    """Whether the library has grasps of an object."""
+    return (library_folder() / file_name(hand, object_id)).is_file()
+
+
 def library_file(hand: str, object_id: str) -> Path:
     """The file of an object's grasps. Raises DmfcError if the library has none."""
-    path = library_folder() / file_name(hand, object_id)
-    if not path.is_file():
+    if not in_library(hand, object_id):
         raise DmfcError(
             f"the library has no grasps of '{object_id}' for the hand '{hand}': "
-            "set grasps.source=plan to plan them"
+            "set grasps.source=either to plan what it lacks"
         )
-    return path
+    return library_folder() / file_name(hand, object_id)
 
 
 def file_digest(path: Path) -> str:

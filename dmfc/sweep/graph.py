@@ -17,7 +17,7 @@ from dmfc.config.protocol import executed
 from dmfc.config.scenes import SceneSetConfig
 from dmfc.config.schema import Config
 from dmfc.errors import DmfcError
-from dmfc.grasps.library import file_digest, library_file
+from dmfc.grasps.library import file_digest, in_library, library_file
 from dmfc.sweep.kinds import KINDS, Registry, kind_of
 from dmfc.sweep.stage import Stage
 
@@ -112,8 +112,8 @@ class GraphBuilder:
     def grasps_of(self, config: Config, obj: Stage) -> Stage:
         """The grasps of one prepared object: planned, or those of the library."""
         path = self._grasp_files.get(obj.name)
-        if path is None and config.grasps.source == "library":
-            path = library_file(config.hand.name, obj.name)
+        if path is None:
+            path = self._from_library(config, obj)
         if path is not None:
             taken = {
                 "library": file_digest(path),
@@ -129,6 +129,13 @@ class GraphBuilder:
             "q1": Q1Config(),
         }
         return self.stage("grasps", obj.name, settings, {"object": obj, "hand": self.hand(config)})
+
+    def _from_library(self, config: Config, obj: Stage) -> Path | None:
+        """The library's grasps of an object, where `grasps.source` wants them; None: plan."""
+        source = config.grasps.source
+        if source == "plan" or (source == "either" and not in_library(config.hand.name, obj.name)):
+            return None
+        return library_file(config.hand.name, obj.name)
 
     def scenes(self, config: Config, split: str) -> tuple[Stage, ...]:
         """The shards of a scene set."""

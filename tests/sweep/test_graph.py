@@ -6,7 +6,8 @@ import pytest
 
 from dmfc.config.load import load_config
 from dmfc.errors import DmfcError
-from dmfc.sweep.graph import GraphBuilder, without
+from dmfc.grasps.library import file_digest, library_file
+from dmfc.sweep.graph import GraphBuilder, ObjectRef, without
 from dmfc.sweep.plan import plan_sweep
 from dmfc.sweep.stage import closure
 from dmfc.sweep.sweep_file import load_sweep
@@ -147,3 +148,14 @@ def test_without_puts_defaults_back():
     assert masked.batch_size == 9
     with pytest.raises(ValueError, match="lacks"):
         without(config.training, "no_such_field")
+
+
+def test_either_plans_what_the_library_lacks_and_nothing_else():
+    refs = [ObjectRef("procedural/can-0005", "d"), ObjectRef("procedural/can-9005", "d")]
+    builder = GraphBuilder(lambda selectors: refs)
+    planned = builder.grasps(load_config("smoke", []), "train")
+    taken, missing = builder.grasps(load_config("smoke", ["grasps.source=either"]), "train")
+    assert taken.config["library"] == file_digest(library_file("shadow", "procedural/can-0005"))
+    assert missing.key == planned[1].key
+    with pytest.raises(DmfcError, match=r"can-9005.* set grasps\.source=either"):
+        builder.grasps(load_config("smoke", ["grasps.source=library"]), "train")
