@@ -19,7 +19,7 @@ from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.model import HandModel
 
 COLOURS = "viridis"
-"""Colour map of the confidences, from 0 to 1."""
+"""Colour map of the confidences, from 0 to the greatest."""
 
 
 def dense_picture(
@@ -36,14 +36,14 @@ def dense_picture(
     """
     figure = Figure(figsize=(14, 6.5), dpi=110, layout="constrained")
     FigureCanvasAgg(figure)
-    scale = Normalize(0.0, 1.0)
+    scale = Normalize(0.0, max(0.01, float(proposed.confidence.max(initial=0.0))))
     panels: list[Any] = []
     told = f"{title}: {len(proposed)} grasps", f"the {len(executed)} that are executed"
     for place, (grasps, text) in enumerate(zip((proposed, executed), told, strict=True), start=1):
         axes: Any = figure.add_subplot(1, 2, place, projection="3d", computed_zorder=False)
         axes.scatter(*points.T, c="#555555", s=1.5, depthshade=False, zorder=1)
         if len(grasps):
-            _draw(axes, grasps, hand, scale, width=0.4 if len(grasps) > 20 else 1.6)
+            _draw(axes, grasps, hand, scale, dim=len(grasps) > 20)
         axes.set_title(text, fontsize=11)
         _frame(axes, points)
         panels.append(axes)
@@ -77,14 +77,13 @@ def _tips(hand: HandModel) -> tuple[np.ndarray, np.ndarray]:
     return leaves, tips
 
 
-def _draw(
-    axes: Any, grasps: GraspCandidates, hand: HandModel, scale: Normalize, width: float
-) -> None:
+def _draw(axes: Any, grasps: GraspCandidates, hand: HandModel, scale: Normalize, dim: bool) -> None:
     grasps = grasps[np.argsort(grasps.confidence, kind="stable")]
+    style = {"linewidths": 0.4, "alpha": 0.3} if dim else {"linewidths": 1.6}
     lines = skeletons(grasps, hand)
     colours = ScalarMappable(scale, COLOURS).to_rgba(np.repeat(grasps.confidence, lines.shape[1]))
     axes.add_collection3d(
-        Line3DCollection(lines.reshape(-1, 2, 3), colors=colours, linewidths=width, zorder=2)
+        Line3DCollection(lines.reshape(-1, 2, 3), colors=colours, zorder=2, **style)
     )
 
 
@@ -94,6 +93,6 @@ def _frame(axes: Any, points: np.ndarray) -> None:
     half = max(float((high - low).max()) / 2, 0.05) + 0.08
     x, y = ((low + high) / 2)[:2]
     axes.set(xlim=(x - half, x + half), ylim=(y - half, y + half), zlim=(0, 2 * half))
-    axes.set_box_aspect((1, 1, 1), zoom=1.15)
+    axes.set_box_aspect((1, 1, 1), zoom=0.95)
     axes.view_init(elev=25, azim=-50)
     axes.tick_params(labelsize=6)
