@@ -62,15 +62,24 @@ def evaluate(
     only: Annotated[
         str, typer.Option("--only", help="scene:trial, one trial once more, with a picture.")
     ] = "",
-    picture: Annotated[Path, typer.Option(help="PNG that --only writes: the steps.")] = Path(
-        "trial.png"
-    ),
+    dense: Annotated[
+        int | None,
+        typer.Option(help="A scene: a picture of all its grasps, coloured by confidence."),
+    ] = None,
+    picture: Annotated[
+        Path | None,
+        typer.Option(help="PNG that --only (trial.png) or --dense (dense.png) writes."),
+    ] = None,
     video: Annotated[Path | None, typer.Option(help="GIF that --only writes: all of it.")] = None,
     detailed: Annotated[
         bool, typer.Option("--detailed", help="More steps in the picture of --only.")
     ] = False,
 ) -> None:
     """Execute grasps on the test scenes in MuJoCo, and print how many were held."""
+    if only and dense is not None:
+        raise DmfcError("--only pictures one trial, --dense a whole scene: give one of them")
+    if not only and (video or detailed or (picture and dense is None)):
+        raise DmfcError("--video, --detailed and --picture are of one trial: name it by --only")
     checkpoint, files = _source(source)
     settings = _scene_settings(scenes) + ([f"execution.protocol={protocol}"] if protocol else [])
     if files:
@@ -82,10 +91,16 @@ def evaluate(
     if only:
         from dmfc.sweep.replay import Pictures, replay
 
-        row = replay(session.ledger, stages, only, Pictures(picture, video, detailed))
-        answer({**row, "picture": str(picture), **({"video": str(video)} if video else {})})
-        return
-    _report(session, stages, source, preset, out, as_json)
+        path = picture or Path("trial.png")
+        row = replay(session.ledger, stages, only, Pictures(path, video, detailed))
+        answer({**row, "picture": str(path), **({"video": str(video)} if video else {})})
+    elif dense is not None:
+        from dmfc.sweep.replay import picture_dense
+
+        path = picture or Path("dense.png")
+        answer({**picture_dense(session.ledger, stages, dense, path), "picture": str(path)})
+    else:
+        _report(session, stages, source, preset, out, as_json)
 
 
 def compare(

@@ -77,6 +77,8 @@ def test_every_verb_has_help(dmfc, verb):
         (["train", "--set", "training.batch_size=x"], "training.batch_size"),
         (["train", "--stage", "pretrian"], "did you mean 'pretrain'"),
         (["evaluate", "plannner"], "did you mean 'planner'"),
+        (["evaluate", "planner", "--only", "0:0", "--dense", "0"], "give one of them"),
+        (["evaluate", "planner", "--video", "trial.gif"], "name it by --only"),
         (["scenes", "make", "--split", "tset"], "did you mean 'test'"),
         (["objects", "prepare", "ycp:mug"], "ycb"),
         (["objects", "prepare", "folder:/nowhere/mesh.stl"], "/nowhere/mesh.stl"),

@@ -6,7 +6,9 @@ user's own); no other module knows a joint or a link by name.
 
 from __future__ import annotations
 
+import io
 from dataclasses import dataclass, field
+from functools import lru_cache
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -89,8 +91,20 @@ def load_description(name: str) -> HandDescription:
             raise unknown_name("hand", name, [p.stem for p in data.glob("*.yaml")])
         raise DmfcError(f"hand description '{name}' is not a file (setting hand.name)")
     try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise DmfcError(f"hand description {path}: {error}") from error
+    return _read(path, text)
+
+
+@lru_cache(maxsize=8)
+def _read(path: Path, text: str) -> HandDescription:
+    """Kept, since a worker asks for the same hand at every shard, and parsing costs more than
+    compiling a scene."""
+    try:
         schema = OmegaConf.structured(HandDescription)
-        merged = OmegaConf.merge(schema, OmegaConf.load(path), {"directory": str(path.parent)})
+        given = OmegaConf.load(io.StringIO(text))
+        merged = OmegaConf.merge(schema, given, {"directory": str(path.parent)})
         description = OmegaConf.to_object(merged)
     except OmegaConfBaseException as error:
         where = f" (key {error.full_key})" if error.full_key else ""

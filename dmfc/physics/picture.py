@@ -6,14 +6,15 @@ import mujoco
 import numpy as np
 from PIL import Image, ImageDraw
 
+from dmfc.physics.gl import current_context
 from dmfc.physics.world import World
+
+MAX_GEOMS = 10_000
+"""Shapes that a frame may have."""
 
 
 class Camera:
-    """Renders a world that was built with `visual=True`; needs GL (EGL or OSMesa where headless).
-
-    Which GL is used is decided by the environment variable MUJOCO_GL before mujoco is imported.
-    """
+    """Renders a world built with `visual=True`; needs GL (EGL or OSMesa without a screen)."""
 
     def __init__(
         self,
@@ -31,7 +32,11 @@ class Camera:
         model = world.model
         model.vis.global_.offwidth = max(width, model.vis.global_.offwidth)
         model.vis.global_.offheight = max(height, model.vis.global_.offheight)
-        self._renderer = mujoco.Renderer(model, height, width)
+        self._gl = current_context(width, height)
+        self._scene = mujoco.MjvScene(model, maxgeom=MAX_GEOMS)
+        self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
+        self._rect = mujoco.MjrRect(0, 0, width, height)
         self._camera = mujoco.MjvCamera()
         self._camera.lookat[:] = look_at
         self._camera.distance = distance
@@ -45,11 +50,19 @@ class Camera:
 
     def frame(self) -> np.ndarray:
         """[height, width, 3] uint8, as the world is now."""
-        self._renderer.update_scene(self.world.data, self._camera, self._options)
-        return self._renderer.render()
+        world, everything = self.world, mujoco.mjtCatBit.mjCAT_ALL
+        mujoco.mjv_updateScene(
+            world.model, world.data, self._options, None, self._camera, everything, self._scene
+        )
+        self._gl.make_current()
+        mujoco.mjr_render(self._rect, self._scene, self._context)
+        pixels = np.empty((self._rect.height, self._rect.width, 3), np.uint8)
+        mujoco.mjr_readPixels(pixels, None, self._rect, self._context)
+        return pixels[::-1].copy()  # OpenGL counts rows from below
 
     def close(self) -> None:
-        self._renderer.close()
+        self._context.free()
+        self._gl.free()
 
     def __enter__(self) -> Camera:
         return self

@@ -1,42 +1,21 @@
-"""Depth and segmentation with MuJoCo's own OpenGL renderer.
-
-The OpenGL context is made directly, so nobody has to set MUJOCO_GL before MuJoCo is imported; where
-it is set, it is obeyed.
-"""
+"""Depth and segmentation with MuJoCo's own OpenGL renderer."""
 
 from __future__ import annotations
 
-import importlib
-import os
 from collections.abc import Sequence
-from functools import lru_cache
 from typing import Any
 
 import mujoco
 import numpy as np
 
 from dmfc.objects.model import ObjectModel
+from dmfc.physics.gl import current_context, probe
 from dmfc.scenes.cameras import Camera
 from dmfc.scenes.render import NOTHING, TABLE, View
 
+__all__ = ["create", "probe"]
 NEAR, FAR = 0.02, 10.0
 """Clipping planes, metres."""
-
-
-@lru_cache
-def probe() -> str:
-    """Why no OpenGL context can be made here, in one line; empty if one can."""
-    reasons = []
-    for backend in _backends():
-        try:
-            context = _context(backend, 16, 16)
-        except Exception as error:  # the bindings raise whatever their library does, from
-            # AttributeError on a missing symbol to their own EGLError
-            reasons.append(f"{backend}: {type(error).__name__}")
-        else:
-            context.free()
-            return ""
-    return "no OpenGL context (" + ", ".join(reasons) + ")"
 
 
 def create() -> MujocoRenderer:
@@ -80,7 +59,7 @@ class MujocoRenderer:
         if self._gl is not None and self._size != (width, height):
             self.close()
         if self._gl is None:
-            self._gl, self._size = _first_context(width, height), (width, height)
+            self._gl, self._size = current_context(width, height), (width, height)
         self._gl.make_current()
 
 
@@ -153,26 +132,3 @@ def _quaternion(rotation: np.ndarray) -> np.ndarray:
     quaternion = np.zeros(4)
     mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(rotation).reshape(-1))
     return quaternion
-
-
-def _backends() -> list[str]:
-    chosen = os.environ.get("MUJOCO_GL", "").lower().strip()
-    return [chosen] if chosen in ("egl", "osmesa", "glfw") else ["egl", "osmesa", "glfw"]
-
-
-def _context(backend: str, width: int, height: int) -> Any:
-    """A current OpenGL context of MuJoCo's own binding to `backend`."""
-    context = importlib.import_module(f"mujoco.{backend}").GLContext(width, height)
-    context.make_current()
-    return context
-
-
-def _first_context(width: int, height: int) -> Any:
-    """A context of the first backend that works; the last one's error is raised if none does."""
-    *first, last = _backends()
-    for backend in first:
-        try:
-            return _context(backend, width, height)
-        except Exception:  # as in `probe`: whatever the binding raises
-            continue
-    return _context(last, width, height)

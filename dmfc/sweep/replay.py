@@ -1,4 +1,4 @@
-"""One trial of a finished evaluation once more, exactly as it was, with pictures of it."""
+"""A finished evaluation once more: one trial exactly as it was, or a picture of all its grasps."""
 
 from __future__ import annotations
 
@@ -41,26 +41,59 @@ def replay(
     from dmfc.execution.picture import DETAILED, STEPS, trial_strip
 
     number, trial = _parse(only)
+    stage, evaluation, scene = _find(ledger, stages, number, "--only scene:trial")
+    found = select(evaluation.proposals(scene), evaluation.config)
+    if not 0 <= trial < len(found):
+        raise DmfcError(f"scene {number} has {len(found)} grasps, no trial {trial}")
+    image, outcome = trial_strip(
+        evaluation.open(scene, visual=True),
+        found,
+        trial,
+        moments=DETAILED if pictures.detailed else STEPS,
+        video=pictures.video,
+    )
+    pictures.strip.parent.mkdir(parents=True, exist_ok=True)
+    image.save(pictures.strip)
+    row = outcome.row()
+    return {**row, "same": row == _written(ledger, stage, number, trial, list(row))}
+
+
+def picture_dense(
+    ledger: Ledger, stages: tuple[Stage, ...], number: int, path: Path
+) -> dict[str, Any]:
+    """Write a PNG of every grasp that is proposed in scene `number`, coloured by confidence.
+
+    Returns how many there are, how many are executed, and the range of confidences. Raises
+    DmfcError if there is no such scene, or no grasp in it.
+    """
+    from dmfc.execution.candidates import select
+    from dmfc.execution.dense import dense_picture
+
+    _, evaluation, scene = _find(ledger, stages, number, "--dense scene")
+    proposed = evaluation.proposals(scene)
+    if not len(proposed):
+        raise DmfcError(f"no grasp is proposed in scene {number}: nothing to picture")
+    executed = select(proposed, evaluation.config)
+    dense_picture(scene.points, proposed, executed, evaluation.hand, path, f"scene {number}")
+    return {
+        "scene": number,
+        "proposed": len(proposed),
+        "executed": len(executed),
+        "least_confidence": float(proposed.confidence.min()),
+        "most_confidence": float(proposed.confidence.max()),
+    }
+
+
+def _find(
+    ledger: Ledger, stages: tuple[Stage, ...], number: int, option: str
+) -> tuple[Stage, Evaluation, Scene]:
+    """The shard that has a scene, and the scene."""
     for stage in stages:
         evaluation = _evaluation(ledger, stage)
-        scene = _scene(evaluation, number)
-        if scene is None:
-            continue
-        found = select(evaluation.proposals(scene), evaluation.config)
-        if not 0 <= trial < len(found):
-            raise DmfcError(f"scene {number} has {len(found)} grasps, no trial {trial}")
-        image, outcome = trial_strip(
-            evaluation.open(scene, visual=True),
-            found,
-            trial,
-            moments=DETAILED if pictures.detailed else STEPS,
-            video=pictures.video,
-        )
-        pictures.strip.parent.mkdir(parents=True, exist_ok=True)
-        image.save(pictures.strip)
-        row = outcome.row()
-        return {**row, "same": row == _written(ledger, stage, number, trial, list(row))}
-    raise DmfcError(f"the test set has no scene {number} (--only scene:trial)")
+        for scene in evaluation.scenes:
+            if scene.scene == number:
+                return stage, evaluation, scene
+    raise DmfcError(f"the test set has no scene {number} ({option})")
 
 
 def _evaluation(ledger: Ledger, stage: Stage) -> Evaluation:
@@ -77,10 +110,6 @@ def input_folders(
         else ledger.folder(given.address)
         for name, given in inputs.items()
     }
-
-
-def _scene(evaluation: Evaluation, number: int) -> Scene | None:
-    return next((scene for scene in evaluation.scenes if scene.scene == number), None)
 
 
 def _written(

@@ -26,11 +26,16 @@ from dmfc.sweep.ledger import Ledger
 from dmfc.sweep.replay import input_folders
 from dmfc.sweep.selection import list_refs
 from dmfc.sweep.stages import evaluation_of
+from tests.benchmarks.compare import RATIOS
 from tests.execution.execution_shapes import runner, standing
 from tests.grasps.grasp_shapes import planned, shape
 
 HUNDRED = ["grasps.source=library", "scenes.test={kind: single, count: 100}"]
 """The planner's row over 100 scenes of one object of YCB in random pose, K = 4."""
+
+
+SECONDS: dict[int, float] = {}
+"""Workers -> time of the same trials."""
 
 
 @contextmanager
@@ -59,12 +64,13 @@ def physics_clock(monkeypatch: pytest.MonkeyPatch) -> Iterator[SimpleNamespace]:
 
 
 def tell(benchmark, spent: SimpleNamespace, trials: int) -> None:
-    benchmark.extra_info.update(
-        inside_mj_step=round(spent.inside / spent.all, 3),
-        microseconds_per_step=round(1e6 * spent.inside / spent.steps, 1),
-        trials_per_cpu_second=round(trials / spent.all, 2),
-    )
-    print(benchmark.extra_info)
+    found = {
+        "share of CPU time inside mj_step": round(spent.inside / spent.all, 3),
+        "microseconds per step": round(1e6 * spent.inside / spent.steps, 1),
+        "trials per CPU second": round(trials / spent.all, 2),
+    }
+    benchmark.extra_info.update(found)
+    RATIOS.append(f"{benchmark.group}: " + ", ".join(f"{k} {v}" for k, v in found.items()))
 
 
 @pytest.fixture(scope="module")
@@ -118,8 +124,12 @@ def test_hundred_scenes(benchmark, hundred):
         run_stages, args=(hundred.shards, hundred.ledger, hundred.config), rounds=1
     )
     assert {outcome.status for outcome in outcomes.values()} == {"ran"}
-    benchmark.extra_info["worker_seconds"] = round(sum(o.seconds for o in outcomes.values()), 1)
-    print(benchmark.extra_info)
+    busy, wall = sum(o.seconds for o in outcomes.values()), benchmark.stats.stats.mean
+    benchmark.extra_info["worker_seconds"] = round(busy, 1)
+    RATIOS.append(
+        f"100 scenes, K = 4: {wall:.0f} s (limit 150), {400 / wall:.2f} trials/s, "
+        f"workers busy for {busy:.0f} s in all"
+    )
 
 
 @pytest.mark.benchmark(group="compiling the model of a scene")
@@ -144,3 +154,6 @@ def test_workers(benchmark, workers, shadow_hand_dir):
         benchmark.pedantic(
             lambda: list(pool.map(work, [12 // workers] * workers)), rounds=1, iterations=1
         )
+    SECONDS[workers] = benchmark.stats.stats.mean
+    if {1, 2} <= set(SECONDS):
+        RATIOS.append(f"from 1 to 2 workers: {SECONDS[1] / SECONDS[2]:.2f} x (limit 1.8)")

@@ -1,4 +1,4 @@
-"""The fixture `compare`, and its ratios at the end of the report."""
+"""The fixture `compare`; what was found besides times, at the end of the report."""
 
 from __future__ import annotations
 
@@ -16,6 +16,6 @@ def compare(benchmark: Any) -> Compare:
 
 def pytest_terminal_summary(terminalreporter: Any) -> None:
     if RATIOS:
-        terminalreporter.section("ratios of medians")
+        terminalreporter.section("found (ratios are of medians)")
         for line in RATIOS:
             terminalreporter.line(line)

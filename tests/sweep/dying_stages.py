@@ -1,11 +1,14 @@
-"""The evaluation stage in a process that dies in the middle. Imported by Ray's workers too."""
+"""Evaluation stages that die in the middle, or raise. Imported by Ray's workers too."""
 
 import dataclasses
 import os
 import signal
 
+import pandas as pd
+
 from dmfc.sweep import stages
 from dmfc.sweep.kinds import KINDS
+from tests.sweep import fake_science
 
 DYING = KINDS | {
     "evaluate": dataclasses.replace(
@@ -28,3 +31,10 @@ def evaluate_and_die(ctx):
 def killed_mark(work):
     """Left where a stage died; the work folder itself goes when the stage is finished."""
     return work.with_name(f"{work.name}-killed")
+
+
+def fake_evaluate_or_crash(ctx):
+    """As the stage without its science, but it raises at the shard that begins with scene 2."""
+    fake_science.evaluate(ctx)
+    if pd.read_parquet(ctx.out / "trials.parquet")["scene"].min() == 2:
+        raise RuntimeError("the simulator is gone")
