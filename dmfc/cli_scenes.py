@@ -74,13 +74,22 @@ def scenes_make(
 def scenes_stats(
     split: Split = "train",
     at: At = None,
+    verify: Annotated[
+        bool, typer.Option("--verify", help="Read all files, and name those that are damaged.")
+    ] = False,
     preset: Preset = PRESET,
     overrides: Overrides = None,
     store: Store = STORE,
     as_json: AsJson = False,
 ) -> None:
     """Counts, dropped labels and positive rates of a scene set that is there already."""
-    _show(_open(split, at, preset, overrides, store)[0], as_json)
+    found, _ = _open(split, at, preset, overrides, store)
+    if verify and (damaged := found.damaged()):
+        raise DmfcError(
+            f"{len(damaged)} files of {found.place} are missing or damaged "
+            f"({', '.join(damaged[:3])}): `{found.manifest['made_by']['command']}` makes them again"
+        )
+    _show(found, as_json)
 
 
 @scenes.command("show")
@@ -107,7 +116,8 @@ def scenes_show(
     views = scene_views(config.scenes, scene, objects)
     hand = _hand(session) if found.grasps else None
     out.parent.mkdir(parents=True, exist_ok=True)
-    scene_picture(scene, out, views, found.grasps or None, hand, config.matching, 4)
+    table = config.scenes.table_size
+    scene_picture(scene, out, views, found.grasps or None, hand, config.matching, 4, table)
     row = {
         "scene": scene.scene,
         "objects": ", ".join(scene.object_ids),
@@ -230,6 +240,7 @@ def _publish(
     session: Session, split: str, shards: Sequence[Stage], place: str, copy: bool
 ) -> PublishedSet:
     """Manifest, data card and contact sheet of a set that is made."""
+    from dmfc.hand.description import load_description
     from dmfc.scenes.published import publish
     from dmfc.scenes.views import scene_views
 
@@ -245,6 +256,7 @@ def _publish(
         seeds=config.network.levels[0],
         copy=copy,
         made_by=_made_by(),
+        hand_pack=load_description(config.hand.name).pack,
     )
     shown = _spread(found)
     objects = _objects(session, split, shown)
@@ -273,7 +285,8 @@ def _write_card(
 
     picture, grasps = io.BytesIO(), found.grasps or None
     matching = MatchingConfig(**found.manifest["matching"])
-    contact_sheet(_spread(found), views, picture, grasps, hand, matching)
+    table = found.manifest["scenes"].get("table_size", 0.8)
+    contact_sheet(_spread(found), views, picture, grasps, hand, matching, table)
     write_file(join(found.place, SHEET), picture.getvalue())
     write_file(join(found.place, CARD), card_text(found.manifest).encode())
 

@@ -20,6 +20,8 @@ from dmfc.scenes.scene_set import Scene, write_shard
 
 _NEIGHBOURS = 16
 """Points whose plane gives a normal."""
+_BELOW = 0.02
+"""Metres below the table top that errors of a camera explain."""
 SUFFIXES = (".npy", ".ply", ".xyz", ".txt", ".csv")
 
 
@@ -88,10 +90,15 @@ def import_clouds(
     scenes = []
     for number, path in enumerate(paths):
         points = read_cloud(path, unit)
-        scenes.append(cloud_scene(points[points[:, 2] >= above], number, config))
+        points = points[points[:, 2] >= above]
+        try:
+            _check_frame(points, config.table_size)
+            scenes.append(cloud_scene(points, number, config))
+        except DmfcError as error:
+            raise DmfcError(f"cloud {path}: {error}") from error
     manifest = {
         "set": {},
-        "scenes": {"points": config.points},
+        "scenes": {"points": config.points, "table_size": config.table_size},
         "numbers": [0, len(scenes)],
         "renderer": None,
         "objects": {},
@@ -100,3 +107,20 @@ def import_clouds(
     }
     write_shard(out, scenes, manifest)
     return len(scenes)
+
+
+def _check_frame(points: np.ndarray, table_size: float) -> None:
+    """Raises DmfcError for points [n, 3] that are not on the table: a wrong unit or frame."""
+    if not len(points):
+        raise DmfcError("it has no points there (option --above)")
+    beside = float(np.abs(points[:, :2]).max())
+    if beside > table_size / 2:
+        raise DmfcError(
+            f"it reaches {beside:.3g} m from the table's centre, whose side is {table_size} m "
+            "(option --unit, setting scenes.table_size)"
+        )
+    if points[:, 2].min() < -_BELOW:
+        raise DmfcError(
+            f"it reaches {-points[:, 2].min():.3g} m below the table top, which is z = 0 with z "
+            "upwards (option --above leaves points out)"
+        )
