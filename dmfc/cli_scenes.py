@@ -337,10 +337,12 @@ def _made_by() -> dict[str, str]:
 
 
 def _set_name(split: str, shards: Sequence[Stage]) -> str:
-    """A folder's name that is the same for the same shards."""
+    """A folder's name that is the same for the same shards and version of the manifest."""
     import hashlib
 
-    text = " ".join(shard.address for shard in shards)
+    from dmfc.scenes.published import VERSION
+
+    text = " ".join([str(VERSION), *(shard.address for shard in shards)])
     return f"{split}-{hashlib.sha256(text.encode()).hexdigest()[:12]}"
 
 
