@@ -139,13 +139,26 @@ def test_a_cloud_that_is_not_on_the_table_is_refused(tmp_path, scale, above, why
         import_clouds([tmp_path / "mine.npy"], out, ScenesConfig(points=64), above=above)
 
 
+def test_normals_of_an_own_cloud_point_out():
+    """Also where the nearest camera is not the one that sees a face: a box beside the centre."""
+    box = trimesh.creation.box((0.06, 0.09, 0.12))
+    box.apply_translation([0.12, 0.03, 0.06])
+    points, face = trimesh.sample.sample_surface(box, 6000, seed=0)
+    seen = points[box.face_normals[face][:, 2] > -0.5]
+    scene = cloud_scene(seen, 0, ScenesConfig())
+    _, distance, face = trimesh.proximity.closest_point(box, scene.points)
+    cosine = (scene.normals * box.face_normals[face]).sum(1)
+    assert distance.max() < 1e-6
+    assert (cosine > 0.9).mean() > 0.9  # not within a neighbourhood of an edge
+    assert (cosine < -0.5).mean() < 0.01
+
+
 def test_an_own_cloud_goes_through_loader_and_network(hand, tmp_path):
     ball = trimesh.creation.icosphere(4, 0.05)
     ball.apply_translation([0, 0, 0.05])
     seen = ball.vertices[ball.vertices[:, 2] > 0.03]
     scene = cloud_scene(np.asarray(seen), 7, ScenesConfig())
     outward = (scene.points - [0, 0, 0.05]) / 0.05
-    # beside the top, every point faces the camera on its side
     assert ((scene.normals * outward).sum(1) > 0.9).mean() > 0.95
     dataset = SceneDataset(
         [scene], {}, [], hand.palm_reference, MatchingConfig(), CameraConfig(), seeds=64
