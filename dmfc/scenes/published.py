@@ -112,15 +112,7 @@ def publish(
     for manifest in manifests:
         objects |= manifest["objects"]
     used = sorted(set(grasps) & set(objects))
-    listed = [
-        {
-            "file": _put(place, path, f"shards/{number:05d}.parquet", copy),
-            "scenes": shard["numbers"],
-            "bytes": path.stat().st_size,
-            "sha256": _digest(path.read_bytes()),
-        }
-        for number, (path, shard) in enumerate(zip(shards, manifests, strict=True))
-    ]
+    listed = _listed(place, shards, scenes, copy)
     manifest = {
         "kind": KIND,
         "version": VERSION,
@@ -145,6 +137,21 @@ def packs_of(object_ids: Iterable[str], hand_pack: str = "") -> dict[str, str]:
     """SHA-256 of the packs that hand and objects come from; generated and own ones have none."""
     sources = {hand_pack, *(name.split("/")[0] for name in object_ids)}
     return {pack.name: pack.sha256 for pack in list_packs() if pack.name in sources}
+
+
+def _listed(
+    place: str, shards: Sequence[Path], scenes: SceneSet, copy: bool
+) -> list[dict[str, Any]]:
+    """What a manifest says of every shard; they are copied there or not."""
+    return [
+        {
+            "file": _put(place, path, f"shards/{number:05d}.parquet", copy),
+            "scenes": shard["numbers"],
+            "bytes": path.stat().st_size,
+            "sha256": _digest(path.read_bytes()),
+        }
+        for number, (path, shard) in enumerate(zip(shards, scenes.manifests, strict=True))
+    ]
 
 
 def _grasp_file(place: str, name: str, path: Path, copy: bool) -> str:
