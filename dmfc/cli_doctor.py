@@ -21,6 +21,11 @@ PACKAGES = (
 )  # fmt: skip
 LIBRARIES = {"libEGL.so.1": "libegl1", "libGL.so.1": "libgl1", "libgomp.so.1": "libgomp1"}
 """Shared libraries and the Debian packages that have them."""
+RENDERERS = {
+    "embree": "pip install embreex",
+    "mujoco": "apt-get install libegl1 libgl1-mesa-dri",
+}
+"""Depth renderers and what one that does not work may lack."""
 FREE_GIB = 5
 
 
@@ -68,25 +73,18 @@ def _processor() -> list[dict[str, str]]:
 
 
 def _renderers() -> list[dict[str, str]]:
-    """Depth images come from Embree or from MuJoCo's EGL; one of them is enough."""
-    rows = []
+    """What draws depth images, tried as scenes try it; one that works is enough."""
     try:
-        import embreex  # noqa: F401
-
-        rows.append(_row("renderer embree", "ok", "available"))
-    except ImportError as error:
-        rows.append(_row("renderer embree", "warning", str(error), "pip install embreex"))
-    egl = _loads("libEGL.so.1")
-    rows.append(
-        _row(
-            "renderer mujoco (EGL)",
-            "ok" if egl else "warning",
-            "libEGL found" if egl else "libEGL missing",
-            "" if egl else "apt-get install libegl1 libgl1-mesa-dri",
-        )
-    )
-    if all(row["state"] != "ok" for row in rows):
-        rows[0]["state"] = "bad"
+        from dmfc.scenes.render import available_renderers
+    except ImportError as error:  # a package that is missing has a row of its own
+        return [_row("renderers", "bad", str(error))]
+    reasons = available_renderers()
+    chosen = next((name for name, reason in reasons.items() if not reason), None)
+    rows = []
+    for name, reason in reasons.items():
+        found = reason or ("works, the choice of renderer=auto" if name == chosen else "works")
+        state = "bad" if chosen is None else "warning" if reason else "ok"
+        rows.append(_row(f"renderer {name}", state, found, RENDERERS[name] if reason else ""))
     return rows
 
 

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import shlex
-import sys
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -20,19 +17,24 @@ from dmfc.cli_common import (
     Session,
     Store,
     answer,
-    require,
     show_rows,
-    stderr,
 )
-from dmfc.errors import DmfcError, unknown_name
+from dmfc.cli_scene_sets import (
+    hand_of,
+    made_by,
+    make_shards,
+    objects_of,
+    open_set,
+    publish_set,
+    set_name,
+    shard_files,
+    spread,
+    write_card,
+)
+from dmfc.errors import DmfcError
 
 if TYPE_CHECKING:
-    from dmfc.hand.model import HandModel
-    from dmfc.objects.model import ObjectModel
     from dmfc.scenes.published import PublishedSet
-    from dmfc.scenes.render import View
-    from dmfc.scenes.scene_set import Scene
-    from dmfc.sweep.stage import Stage
 
 scenes = typer.Typer(no_args_is_help=True, help="Scenes: layouts, point clouds, labels.")
 
@@ -48,7 +50,6 @@ At = Annotated[
 
 TEST_SETTINGS = ("single_standard", "single", "multi")
 """The test sets of the paper: one object in standard pose, in random pose, several objects."""
-SHEET_ROWS = 5
 
 
 @scenes.command("make")
@@ -64,9 +65,9 @@ def scenes_make(
 
     Shards that are damaged are made again."""
     session = Session.open(preset, overrides, store)
-    shards = _made(session, split)
-    place = out or str(session.ledger.store / "scene_sets" / _set_name(split, shards))
-    found = _publish(session, split, shards, place, copy=out is not None)
+    shards = make_shards(session, split)
+    place = out or str(session.ledger.store / "scene_sets" / set_name(split, shards))
+    found = publish_set(session, split, shards, place, copy=out is not None)
     _show(found, as_json)
 
 
@@ -74,13 +75,22 @@ def scenes_make(
 def scenes_stats(
     split: Split = "train",
     at: At = None,
+    verify: Annotated[
+        bool, typer.Option("--verify", help="Read all files, and name those that are damaged.")
+    ] = False,
     preset: Preset = PRESET,
     overrides: Overrides = None,
     store: Store = STORE,
     as_json: AsJson = False,
 ) -> None:
     """Counts, dropped labels and positive rates of a scene set that is there already."""
-    _show(_open(split, at, preset, overrides, store)[0], as_json)
+    found, _ = open_set(split, at, preset, overrides, store)
+    if verify and (damaged := found.damaged()):
+        raise DmfcError(
+            f"{len(damaged)} files of {found.place} are missing or damaged "
+            f"({', '.join(damaged[:3])}): `{found.manifest['made_by']['command']}` makes them again"
+        )
+    _show(found, as_json)
 
 
 @scenes.command("show")
@@ -98,16 +108,17 @@ def scenes_show(
     from dmfc.scenes.picture import scene_picture
     from dmfc.scenes.views import scene_views
 
-    found, session = _open(split, at, preset, overrides, store)
+    found, session = open_set(split, at, preset, overrides, store)
     if number >= len(found.scenes):
         raise DmfcError(f"there is no scene {number}: the set holds {len(found.scenes)}")
     scene = found.scenes[number]
     config = session.config
-    objects = None if at else _objects(session, split, [scene])
+    objects = None if at else objects_of(session, split, [scene])
     views = scene_views(config.scenes, scene, objects)
-    hand = _hand(session) if found.grasps else None
+    hand = hand_of(session) if found.grasps else None
     out.parent.mkdir(parents=True, exist_ok=True)
-    scene_picture(scene, out, views, found.grasps or None, hand, config.matching, 4)
+    table = config.scenes.table_size
+    scene_picture(scene, out, views, found.grasps or None, hand, config.matching, 4, table)
     row = {
         "scene": scene.scene,
         "objects": ", ".join(scene.object_ids),
@@ -138,9 +149,9 @@ def scenes_import(
     shard = out / "scenes.parquet"
     import_clouds(clouds, shard, config.scenes, unit, above)
     found = publish(
-        str(out), [shard], {}, [0.0, 0.0, 0.0], config.matching, copy=False, made_by=_made_by()
+        str(out), [shard], {}, [0.0, 0.0, 0.0], config.matching, copy=False, made_by=made_by()
     )
-    _write_card(found, [[] for _ in _spread(found)], None)
+    write_card(found, [[] for _ in spread(found)], None)
     _show(found, as_json)
 
 
@@ -168,7 +179,7 @@ def scenes_freeze(
     rows, sets = [], {}
     for kind in TEST_SETTINGS:
         session = Session.open(preset, [*given, f"scenes.test.kind={kind}"], store)
-        made = SceneSet.open(_files(session, _made(session, "test")))
+        made = SceneSet.open(shard_files(session, make_shards(session, "test")))
         sets[kind] = set_digest(made)
         row: dict[str, Any] = {"test set": kind, "scenes": len(made)}
         if check:
@@ -176,7 +187,7 @@ def scenes_freeze(
             row |= {f"{part} that differ": len(found) for part, found in wrong.items()}
         rows.append(row)
     if not check:
-        content = {"preset": preset, "set": given, **_made_by(), "sets": sets}
+        content = {"preset": preset, "set": given, **made_by(), "sets": sets}
         record.parent.mkdir(parents=True, exist_ok=True)
         record.write_text(json.dumps(content, indent=1) + "\n")
     show_rows("test sets", rows, as_json)
@@ -191,93 +202,6 @@ def _recorded(record: Path) -> dict[str, Any]:
         raise DmfcError(f"no digests of test sets in {record}: {error}") from error
 
 
-def _open(
-    split: str, at: str | None, preset: str, overrides: Sequence[str] | None, store: Path
-) -> tuple[PublishedSet, Session]:
-    """The set at a folder or URL, or that of the settings if all its shards are made."""
-    from dmfc.scenes.published import PublishedSet
-
-    session = Session.open(preset, overrides, store)
-    if at is not None:
-        return PublishedSet.open(at), session
-    shards = session.builder.scenes(session.config, _split(split))
-    missing = [shard for shard in shards if not session.ledger.finished(shard.address)]
-    if missing:
-        raise DmfcError(
-            f"{len(missing)} of {len(shards)} shards of the {split} set are not made yet: "
-            f"run `dmfc scenes make --split {split}`"
-        )
-    place = session.ledger.store / "scene_sets" / _set_name(split, shards)
-    if (place / "manifest.json").is_file():
-        return PublishedSet.open(str(place)), session
-    return _publish(session, split, shards, str(place), copy=False), session
-
-
-def _made(session: Session, split: str) -> Sequence[Stage]:
-    """The shards of a split, made; what is damaged is forgotten first, and told."""
-    from dmfc.sweep.store import forget_damaged
-
-    shards = session.builder.scenes(session.config, _split(split))
-    names = {shard.address: shard.name for shard in shards}
-    for address, wrong in forget_damaged(session.ledger, names):
-        told = f"shard {names[address]} is damaged ({', '.join(wrong)}): it is made again"
-        stderr().print(told, style="yellow", markup=False, soft_wrap=True)
-    require(session.make(shards), shards)
-    return shards
-
-
-def _publish(
-    session: Session, split: str, shards: Sequence[Stage], place: str, copy: bool
-) -> PublishedSet:
-    """Manifest, data card and contact sheet of a set that is made."""
-    from dmfc.scenes.published import publish
-    from dmfc.scenes.views import scene_views
-
-    config, ledger, hand = session.config, session.ledger, _hand(session)
-    sets = session.builder.grasps(config, split)
-    there = [s for s in sets if ledger.finished(s.address) and not ledger.failure(s.address)]
-    found = publish(
-        place,
-        _files(session, shards),
-        {s.name: ledger.folder(s.address) / "grasps.parquet" for s in there},
-        hand.palm_reference,
-        config.matching,
-        seeds=config.network.levels[0],
-        copy=copy,
-        made_by=_made_by(),
-    )
-    shown = _spread(found)
-    objects = _objects(session, split, shown)
-    _write_card(found, [scene_views(config.scenes, scene, objects) for scene in shown], hand)
-    return found
-
-
-def _spread(found: PublishedSet) -> list[Scene]:
-    """The scenes of the contact sheet."""
-    import numpy as np
-
-    rows = np.unique(np.linspace(0, len(found.scenes) - 1, SHEET_ROWS).astype(int))
-    return [found.scenes[row] for row in rows]
-
-
-def _write_card(
-    found: PublishedSet, views: Sequence[Sequence[View]], hand: HandModel | None
-) -> None:
-    """`views`: of each scene of the sheet."""
-    import io
-
-    from dmfc.config.scenes import MatchingConfig
-    from dmfc.scenes.card import CARD, SHEET, card_text
-    from dmfc.scenes.picture import contact_sheet
-    from dmfc.scenes.storage import join, write_file
-
-    picture, grasps = io.BytesIO(), found.grasps or None
-    matching = MatchingConfig(**found.manifest["matching"])
-    contact_sheet(_spread(found), views, picture, grasps, hand, matching)
-    write_file(join(found.place, SHEET), picture.getvalue())
-    write_file(join(found.place, CARD), card_text(found.manifest).encode())
-
-
 def _show(found: PublishedSet, as_json: bool) -> None:
     from dmfc.scenes.stats import stats_rows
 
@@ -290,48 +214,3 @@ def _show(found: PublishedSet, as_json: bool) -> None:
         *stats_rows(manifest["statistics"]),
     ]
     show_rows(f"scenes; card: {found.place}/README.md", rows, as_json=False)
-
-
-def _files(session: Session, shards: Sequence[Stage]) -> list[Path]:
-    return [session.ledger.folder(shard.address) / "scenes.parquet" for shard in shards]
-
-
-def _hand(session: Session) -> HandModel:
-    from dmfc.hand.model import HandModel
-
-    stage = session.builder.hand(session.config)
-    require(session.make([stage]), [stage])
-    return HandModel.load(session.ledger.folder(stage.address) / "hand.npz")
-
-
-def _objects(session: Session, split: str, shown: Sequence[Scene]) -> Mapping[str, ObjectModel]:
-    """The prepared objects of some scenes."""
-    from dmfc.objects.model import ObjectModel
-
-    names = {name for scene in shown for name in scene.object_ids}
-    return {
-        stage.name: ObjectModel.load(session.ledger.folder(stage.address) / "object.npz")
-        for stage in session.builder.objects(session.config, split)
-        if stage.name in names
-    }
-
-
-def _made_by() -> dict[str, str]:
-    """Code and command, for manifests."""
-    from dmfc.sweep.provenance import git_commit
-
-    return {"commit": git_commit(), "command": shlex.join(["dmfc", *sys.argv[1:]])}
-
-
-def _set_name(split: str, shards: Sequence[Stage]) -> str:
-    """A folder's name that is the same for the same shards."""
-    import hashlib
-
-    text = " ".join(shard.address for shard in shards)
-    return f"{split}-{hashlib.sha256(text.encode()).hexdigest()[:12]}"
-
-
-def _split(name: str) -> str:
-    if name not in ("train", "test"):
-        raise unknown_name("split", name, ("train", "test"))
-    return name

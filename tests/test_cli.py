@@ -258,6 +258,26 @@ def test_doctor_answers_a_machine(dmfc, tmp_path):
     assert checks["python"]["state"] == "ok"
     assert {"torch", "mujoco", "ray", "processor", "pack ycb"} <= set(checks)
     assert status == int(any(row["state"] == "bad" for row in checks.values()))
+    assert "works, the choice of renderer=auto" in checks["renderer embree"]["found"]
+
+
+@pytest.mark.parametrize(
+    ("reasons", "states", "chosen"),
+    [
+        ({"embree": "ImportError", "mujoco": ""}, ["warning", "ok"], "renderer mujoco"),
+        ({"embree": "ImportError", "mujoco": "no OpenGL context"}, ["bad", "bad"], None),
+    ],
+)
+def test_doctor_says_which_renderer_is_chosen(dmfc, monkeypatch, reasons, states, chosen):
+    monkeypatch.setattr("dmfc.scenes.render.available_renderers", lambda: reasons)
+    status, out, _ = dmfc("doctor", "--json")
+    rows = [row for row in json.loads(out) if row["check"].startswith("renderer")]
+    assert [row["state"] for row in rows] == states
+    assert [row["check"] for row in rows if "renderer=auto" in row["found"]] == [
+        *([chosen] if chosen else [])
+    ]
+    assert all(row["advice"] for row in rows if row["state"] != "ok")
+    assert chosen or status == 1
 
 
 def test_completion_for_shells(dmfc, monkeypatch):

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import ConvexHull, cKDTree
 
 from dmfc.config.scenes import ScenesConfig
 from dmfc.errors import DmfcError
@@ -20,6 +20,10 @@ from dmfc.scenes.scene_set import Scene, write_shard
 
 _NEIGHBOURS = 16
 """Points whose plane gives a normal."""
+_INVERSION = 30.0
+"""Radius about a camera in which a cloud is inverted, of the distance of its farthest point."""
+_BELOW = 0.02
+"""Metres below the table top that errors of a camera explain."""
 SUFFIXES = (".npy", ".ply", ".xyz", ".txt", ".csv")
 
 
@@ -55,7 +59,7 @@ def cloud_scene(points: np.ndarray, number: int, config: ScenesConfig, seed: int
     """A cloud [n, 3] as a scene of `scenes.points` points, of no known object and without labels.
 
     Normals are those of the planes through neighbours, turned towards the camera of
-    `scenes.cameras` on whose side a point lies. Raises DmfcError for fewer than 16 points.
+    `scenes.cameras` that sees the point best. Raises DmfcError for fewer than 16 points.
     """
     if len(points) < _NEIGHBOURS:
         raise DmfcError(f"a cloud of {len(points)} points is no scene: at least {_NEIGHBOURS}")
@@ -64,7 +68,7 @@ def cloud_scene(points: np.ndarray, number: int, config: ScenesConfig, seed: int
     near = points[cKDTree(points).query(chosen, _NEIGHBOURS)[1]]
     spread = near - near.mean(1, keepdims=True)
     normals = np.linalg.eigh(np.einsum("nki,nkj->nij", spread, spread))[1][:, :, 0]
-    camera = np.linalg.norm(chosen[:, None] - positions, axis=2).argmin(1)
+    camera = _seen_by(chosen, normals, positions)
     away = (normals * (positions[camera] - chosen)).sum(1, keepdims=True) < 0
     none = np.zeros(0, dtype=np.int32)
     return Scene(
@@ -81,6 +85,28 @@ def cloud_scene(points: np.ndarray, number: int, config: ScenesConfig, seed: int
     )
 
 
+def _seen_by(points: np.ndarray, normals: np.ndarray, cameras: np.ndarray) -> np.ndarray:
+    """[n] the camera of [C, 3] that sees each point most head-on, of those that see it at all; the
+    nearest if none does. Normals [n, 3] may have either sign."""
+    towards = cameras - points[:, None]
+    distance = np.linalg.norm(towards, axis=2)
+    head_on = np.abs((towards * normals[:, None]).sum(2)) / distance
+    sees = np.stack([_visible(points, camera) for camera in cameras], axis=1)
+    score = np.where(sees, head_on, -distance)
+    return score.argmax(1)
+
+
+def _visible(points: np.ndarray, camera: np.ndarray) -> np.ndarray:
+    """[n] bool: which points no other hides (Katz et al. 2007: the hull of the inverted cloud)."""
+    rays = points - camera
+    length = np.linalg.norm(rays, axis=1, keepdims=True)
+    inverted = rays + 2 * (_INVERSION * length.max() - length) * rays / length
+    hull = ConvexHull(np.vstack([inverted, np.zeros(3)]), qhull_options="QJ")
+    visible = np.zeros(len(points) + 1, dtype=bool)
+    visible[hull.vertices] = True
+    return visible[:-1]
+
+
 def import_clouds(
     paths: Sequence[Path], out: Path, config: ScenesConfig, unit: str = "m", above: float = -np.inf
 ) -> int:
@@ -88,10 +114,15 @@ def import_clouds(
     scenes = []
     for number, path in enumerate(paths):
         points = read_cloud(path, unit)
-        scenes.append(cloud_scene(points[points[:, 2] >= above], number, config))
+        points = points[points[:, 2] >= above]
+        try:
+            _check_frame(points, config.table_size)
+            scenes.append(cloud_scene(points, number, config))
+        except DmfcError as error:
+            raise DmfcError(f"cloud {path}: {error}") from error
     manifest = {
         "set": {},
-        "scenes": {"points": config.points},
+        "scenes": {"points": config.points, "table_size": config.table_size},
         "numbers": [0, len(scenes)],
         "renderer": None,
         "objects": {},
@@ -100,3 +131,20 @@ def import_clouds(
     }
     write_shard(out, scenes, manifest)
     return len(scenes)
+
+
+def _check_frame(points: np.ndarray, table_size: float) -> None:
+    """Raises DmfcError for points [n, 3] that are not on the table: a wrong unit or frame."""
+    if not len(points):
+        raise DmfcError("it has no points there (option --above)")
+    beside = float(np.abs(points[:, :2]).max())
+    if beside > table_size / 2:
+        raise DmfcError(
+            f"it reaches {beside:.3g} m from the table's centre, whose side is {table_size} m "
+            "(option --unit, setting scenes.table_size)"
+        )
+    if points[:, 2].min() < -_BELOW:
+        raise DmfcError(
+            f"it reaches {-points[:, 2].min():.3g} m below the table top, which is z = 0 with z "
+            "upwards (option --above leaves points out)"
+        )

@@ -1,29 +1,36 @@
-"""Contact sheets of one scene or of some: depth images, cloud, positive points, a few grasps."""
+"""Pictures of one scene or of some: depth images, cloud, positive points, a few grasps."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import io
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
-import torch
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
+from PIL import Image
 
 from dmfc.config.scenes import MatchingConfig
+from dmfc.geometry.points import farthest_points
 from dmfc.geometry.transforms import transform
 from dmfc.grasps.grasp_set import GraspSet
-from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.model import HandModel
 from dmfc.scenes.carry import SceneGrasps, grasps_in_scene
+from dmfc.scenes.drawing import Pieces, bounds, cloud_pieces, draw, hand_pieces
 from dmfc.scenes.matching import match_grasps
 from dmfc.scenes.render import View
 from dmfc.scenes.scene_set import Scene
 
 COLOURS = ["#4269d0", "#efb118", "#ff725c", "#3ca951", "#a463f2", "#97bbf5", "#9c6b4e"]
-_GREY = "#b8b8b8"
+_GREY, _POSITIVE, _HAND = "#c8c8c8", "#d62728", "#e3c9ad"
+_MARGIN = 16  # pixels around the objects of a depth image
+_SHADES = 256  # colours of a PNG: a third of the bytes, and no difference to see
+
+Panel = Callable[[Any], None]
 
 
 def scene_picture(
@@ -34,24 +41,17 @@ def scene_picture(
     hand: HandModel | None = None,
     matching: MatchingConfig | None = None,
     shown_grasps: int = 3,
+    table_size: float = 0.8,
 ) -> None:
-    """Write the contact sheet of a scene as PNG.
+    """Write a picture of a scene as PNG: cloud by object, and seen from above with its normals.
 
     `views` adds a row of depth images (see `dmfc.scenes.views`); `grasps` and `hand` together add
-    the positive points and `shown_grasps` labels, spread over the objects.
+    the positive points and `shown_grasps` labels, those whose palms lie farthest apart.
     """
-    rows = 2 if views else 1
-    figure = _figure(16, 4.2 * rows)
-    for number, view in enumerate(views):
-        _depth_image(figure.add_subplot(rows, 4, number + 1), view, number)
-    first = 4 * (rows - 1) + 1
-    _cloud(figure, (rows, 4, first), scene)
-    _plan(figure.add_subplot(rows, 4, first + 1), scene)
-    if grasps is not None and hand is not None:
-        own = _labels(scene, grasps, hand.palm_reference)
-        _positive_points(figure, (rows, 4, first + 2), scene, own, matching)
-        _hands(figure, (rows, 4, first + 3), scene, own, hand, shown_grasps)
-    figure.savefig(path)
+    drawn = _Drawn.of(scene, grasps, hand, matching, shown_grasps, table_size)
+    panels = [drawn.cloud, lambda axes: _plan(axes, scene), *drawn.labels()]
+    rows = [[_depth_panel(view, n) for n, view in enumerate(views)], panels]
+    _write(_sheet([row for row in rows if row], 3.4), path)
 
 
 def contact_sheet(
@@ -61,29 +61,118 @@ def contact_sheet(
     grasps: Mapping[str, GraspSet] | None = None,
     hand: HandModel | None = None,
     matching: MatchingConfig | None = None,
+    table_size: float = 0.8,
 ) -> None:
     """Write a PNG with a row per scene: two depth images (of `views`, which may be empty for a
     scene), the cloud, and with `grasps` and `hand` the positive points and three labels."""
-    rows, columns = len(scenes), 5
-    figure = _figure(18, 3.6 * rows)
-    for row, (scene, seen) in enumerate(zip(scenes, views, strict=True)):
-        first = row * columns + 1
-        for place, number in enumerate((0, 1)[: len(seen)]):
-            axes = figure.add_subplot(rows, columns, first + place)
-            _depth_image(axes, seen[number], number)
-        _cloud(figure, (rows, columns, first + 2), scene)
+    rows = []
+    for scene, seen in zip(scenes, views, strict=True):
+        drawn = _Drawn.of(scene, grasps, hand, matching, 3, table_size)
+        depth = [_depth_panel(view, n) for n, view in enumerate(seen[:2])]
+        rows.append([*depth, drawn.cloud, *drawn.labels()])
+    _write(_sheet(rows, 2.7), path)
+
+
+def _sheet(rows: Sequence[Sequence[Panel]], size: float) -> Figure:
+    """Panels in rows, each `size` inches wide."""
+    columns = max(len(row) for row in rows)
+    height = 0.92 * size * len(rows)
+    figure = Figure(figsize=(size * columns, height), dpi=100)
+    room = 0.25 / height  # for what is written below the last row
+    pads = {"w_pad": 0.02, "h_pad": 0.02, "wspace": 0.01, "hspace": 0.01}
+    figure.set_layout_engine("constrained", rect=(0, room, 1, 1 - room), **pads)
+    FigureCanvasAgg(figure)
+    for number, row in enumerate(rows):
+        for column, panel in enumerate(row):
+            panel(figure.add_subplot(len(rows), columns, number * columns + column + 1))
+    return figure
+
+
+def _write(figure: Figure, path: Path | BinaryIO) -> None:
+    whole = io.BytesIO()
+    figure.savefig(whole)
+    with Image.open(whole) as picture:
+        picture.convert("RGB").quantize(_SHADES).save(path, format="PNG", optimize=True)
+
+
+@dataclass(frozen=True)
+class _Drawn:
+    """The panels of one scene that share a window."""
+
+    scene: Scene
+    own: SceneGrasps | None
+    positive: np.ndarray
+    """[N] bool: which points have a grasp."""
+    hands: Pieces | None
+    shown: int
+    window: np.ndarray
+    table_size: float
+
+    @classmethod
+    def of(
+        cls,
+        scene: Scene,
+        grasps: Mapping[str, GraspSet] | None,
+        hand: HandModel | None,
+        matching: MatchingConfig | None,
+        shown: int,
+        table_size: float,
+    ) -> _Drawn:
+        own = hands = None
+        positive = np.zeros(len(scene.points), dtype=bool)
         if grasps is not None and hand is not None:
             own = _labels(scene, grasps, hand.palm_reference)
-            _positive_points(figure, (rows, columns, first + 3), scene, own, matching)
-            _hands(figure, (rows, columns, first + 4), scene, own, hand, 3)
-    figure.savefig(path)
+            positive = _positive(scene, own, matching or MatchingConfig())
+            shown = min(shown, len(own.position))
+            if shown:
+                chosen = farthest_points(own.position, shown)
+                T_world_palm = transform(own.rotation[chosen], own.position[chosen])
+                hands = hand_pieces(hand, T_world_palm, own.joints[chosen], _HAND)
+        parts = [_cloud(scene, _colours(scene)), *([hands] if hands else [])]
+        return cls(scene, own, positive, hands, shown, bounds(*parts), table_size)
+
+    def cloud(self, axes: Any) -> None:
+        self._draw(axes, _cloud(self.scene, _colours(self.scene)))
+        axes.set_title(f"scene {self.scene.scene}: {len(self.scene.points)} points", fontsize=8)
+        _names(axes, self.scene)
+
+    def labels(self) -> list[Panel]:
+        """The panels of positive points and of hands; none for a scene without grasp sets."""
+        return [] if self.own is None else [self._positive_points, self._hands]
+
+    def _positive_points(self, axes: Any) -> None:
+        assert self.own is not None
+        colours = np.where(self.positive[:, None], to_rgb(_POSITIVE), to_rgb(_GREY))
+        self._draw(axes, _cloud(self.scene, colours))
+        share, count = self.positive.mean(), len(self.own.position)
+        axes.set_title(f"positive points: {share:.0%}, of {count} labels", fontsize=8)
+
+    def _hands(self, axes: Any) -> None:
+        pieces = _cloud(self.scene, _colours(self.scene))
+        self._draw(axes, pieces + self.hands if self.hands else pieces)
+        axes.set_title(f"{self.shown} of the labels", fontsize=8)
+        dropped = ", ".join(f"{n} {reason}" for reason, n in self.scene.dropped.items() if n)
+        _below(axes, 0, 0, f"dropped: {dropped or 'none'}", "#555555")
+
+    def _draw(self, axes: Any, pieces: Pieces) -> None:
+        draw(axes, pieces, self.window, self.table_size)
 
 
-def _figure(width: float, height: float) -> Figure:
-    """An empty figure of that size in inches, drawn without a screen."""
-    figure = Figure(figsize=(width, height), dpi=80, layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure
+def _cloud(scene: Scene, colours: np.ndarray) -> Pieces:
+    return cloud_pieces(scene.points, scene.normals, colours)
+
+
+def _names(axes: Any, scene: Scene) -> None:
+    """The objects' names in their colours, below."""
+    for index, name in enumerate(scene.object_ids):
+        colour = COLOURS[index % len(COLOURS)]
+        _below(axes, index // 3, index % 3, name.split("/", 1)[-1], colour)
+
+
+def _below(axes: Any, line: int, column: int, text: str, colour: str) -> None:
+    """Small print under a panel, in three columns."""
+    place = 0.01 + 0.35 * column, -0.02 - 0.07 * line
+    axes.text(*place, text, transform=axes.transAxes, color=colour, fontsize=7, va="top")
 
 
 def _labels(
@@ -97,61 +186,27 @@ def _colours(scene: Scene) -> np.ndarray:
     return np.array([to_rgb(COLOURS[k % len(COLOURS)]) for k in scene.point_object])
 
 
-def _cloud(figure: Figure, place: tuple[int, int, int], scene: Scene) -> None:
-    panel = _space(figure, place, f"scene {scene.scene}: {len(scene.points)} points", scene)
-    panel.scatter(*scene.points.T, c=_colours(scene), s=2)
-
-
-def _positive_points(
-    figure: Figure,
-    place: tuple[int, int, int],
-    scene: Scene,
-    own: SceneGrasps,
-    matching: MatchingConfig | None,
-) -> None:
-    positive = _positive(scene, own, matching or MatchingConfig())
-    title = f"positive points: {positive.mean():.1%}, {len(own.position)} labels"
-    panel = _space(figure, place, title, scene)
-    panel.scatter(*scene.points[~positive].T, c=_GREY, s=1, alpha=0.4)
-    panel.scatter(*scene.points[positive].T, c="#d62728", s=4)
-
-
-def _hands(
-    figure: Figure,
-    place: tuple[int, int, int],
-    scene: Scene,
-    own: SceneGrasps,
-    hand: HandModel,
-    shown: int,
-) -> None:
-    panel = _space(figure, place, f"{min(shown, len(own.position))} of the labels", scene)
-    panel.scatter(*scene.points.T, c=_colours(scene), s=1, alpha=0.5)
-    _draw_hands(panel, own, hand, shown)
+def _depth_panel(view: View, number: int) -> Panel:
+    return lambda axes: _depth_image(axes, view, number)
 
 
 def _depth_image(axes: Any, view: View, number: int) -> None:
-    depth = np.where(view.depth > 0, view.depth, np.nan)
+    """The part of the image around the objects, which are outlined."""
+    is_object = view.object_index >= 0
+    where = np.argwhere(is_object)
+    if len(where):
+        low = np.maximum(where.min(0) - _MARGIN, 0)
+        rows, columns = (slice(a, b + _MARGIN) for a, b in zip(low, where.max(0), strict=True))
+    else:
+        rows = columns = slice(None)
+    depth = np.where(view.depth > 0, view.depth, np.nan)[rows, columns]
     axes.imshow(depth, cmap="viridis_r")
-    outline = (view.object_index >= 0).astype(float)
-    if outline.any():
-        axes.contour(outline, levels=[0.5], colors="white", linewidths=0.8)
+    if len(where):
+        outline = is_object[rows, columns].astype(float)
+        axes.contour(outline, levels=[0.5], colors="white", linewidths=0.7)
     near, far = np.nanmin(depth), np.nanmax(depth)
-    axes.set_title(f"camera {number}: {near:.2f} to {far:.2f} m", fontsize=9)
+    axes.set_title(f"camera {number}: {near:.2f} to {far:.2f} m", fontsize=8)
     axes.set_axis_off()
-
-
-def _space(figure: Figure, place: tuple[int, int, int], title: str, scene: Scene) -> Any:
-    """A cube around the cloud with room for hands, standing on the table; equal scales."""
-    axes: Any = figure.add_subplot(*place, projection="3d")
-    axes.set_title(title, fontsize=9)
-    low, high = scene.points.min(0), scene.points.max(0)
-    half = max(float((high - low).max()) / 2, 0.05) + 0.04
-    x, y = ((low + high) / 2)[:2]
-    axes.set(xlim=(x - half, x + half), ylim=(y - half, y + half), zlim=(0, 1.6 * half))
-    axes.set_box_aspect((5, 5, 4), zoom=1.3)
-    axes.view_init(elev=30, azim=-50)
-    axes.tick_params(labelsize=6)
-    return axes
 
 
 def _plan(axes: Any, scene: Scene) -> None:
@@ -181,19 +236,3 @@ def _positive(scene: Scene, own: SceneGrasps, matching: MatchingConfig) -> np.nd
         own.object_index,
     )
     return np.asarray(matched.any(1))
-
-
-def _draw_hands(axes: Any, own: SceneGrasps, hand: HandModel, shown: int) -> None:
-    """The hand's collision points at a few labels, and a line from palm reference to palm hit."""
-    if len(own.position) == 0:
-        return
-    chosen = np.unique(np.linspace(0, len(own.position) - 1, shown).round().astype(int))
-    T_world_palm = torch.as_tensor(transform(own.rotation[chosen], own.position[chosen]))
-    joints = torch.as_tensor(own.joints[chosen])
-    hands = HandKinematics(hand).collision_points(T_world_palm, joints).numpy()
-    for number, (points, grasp) in enumerate(zip(hands, chosen, strict=True)):
-        colour = ["#333333", "#8c564b", "#17becf"][number % 3]
-        axes.scatter(*points[::2].T, c=colour, s=0.6, alpha=0.6)
-        line = np.stack([own.palm_reference[grasp], own.palm_hit[grasp]])
-        if np.isfinite(line).all():
-            axes.plot(*line.T, c="#d62728", linewidth=1.5)

@@ -7,6 +7,7 @@ fractions; both are read back as float32. Grasps are references into the objects
 from __future__ import annotations
 
 import json
+from collections import OrderedDict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +24,8 @@ VERSION = 2
 _KIND = b"dmfc.scene_set"
 _MANIFEST = b"dmfc.manifest"
 _RANGE = 32767  # of a 16-bit integer
+KEPT_BYTES = 2**30
+"""Shards that a process has read are kept up to this size; the one not used for longest goes."""
 
 
 @dataclass(frozen=True)
@@ -95,6 +98,7 @@ class SceneSet(Sequence[Scene]):
     def __init__(self, shards: list[_Shard]) -> None:
         self._shards = shards
         self._ends = np.cumsum([shard.rows for shard in shards])
+        self._kept: OrderedDict[int, int] = OrderedDict()  # shard -> bytes, longest unused first
 
     @classmethod
     def open(cls, paths: Iterable[str | Path]) -> SceneSet:
@@ -125,10 +129,18 @@ class SceneSet(Sequence[Scene]):
         index = index % len(self)
         number = int(np.searchsorted(self._ends, index, side="right"))
         shard = self._shards[number]
-        return shard.read(index - int(self._ends[number]) + shard.rows)
+        scene = shard.read(index - int(self._ends[number]) + shard.rows)
+        self._kept[number] = shard.kept_bytes
+        self._kept.move_to_end(number)
+        while len(self._kept) > 1 and sum(self._kept.values()) > KEPT_BYTES:
+            self._shards[self._kept.popitem(last=False)[0]].forget()
+        return scene
 
     def __iter__(self) -> Iterator[Scene]:
         return (self[i] for i in range(len(self)))
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_kept": OrderedDict()}
 
 
 class _Shard:
@@ -151,6 +163,14 @@ class _Shard:
         if self._table is None:
             self._table = self._guard(lambda: self._file().read())
         return _scene(self._table, row)
+
+    @property
+    def kept_bytes(self) -> int:
+        return 0 if self._table is None else self._table.nbytes
+
+    def forget(self) -> None:
+        """Let go of the rows; they are read again when they are asked for."""
+        self._table = None
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_table": None}  # a worker process reads for itself

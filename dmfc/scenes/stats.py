@@ -38,11 +38,13 @@ def scene_stats(
     """
     objects: Counter[str] = Counter()
     dropped: Counter[str] = Counter()
-    points = labels = 0
+    points = 0
+    per_scene = []
     for scene in scenes:
         objects.update(scene.object_ids)
         dropped.update(scene.dropped)
-        points, labels = points + len(scene.points), labels + len(scene.grasp_index)
+        points += len(scene.points)
+        per_scene.append(len(scene.grasp_index))
     stats: dict[str, Any] = {
         "scenes": len(scenes),
         "objects_per_scene": sum(objects.values()) / max(1, len(scenes)),
@@ -50,7 +52,9 @@ def scene_stats(
         "appearances_min": min(objects.values(), default=0),
         "appearances_max": max(objects.values(), default=0),
         "points": points,
-        "grasps": labels,
+        "grasps": sum(per_scene),
+        "grasps_per_scene_median": float(np.median(per_scene)),
+        "scenes_without_grasps": per_scene.count(0),
         "dropped": {reason: dropped[reason] for reason in REASONS},
     }
     if grasps is not None:

@@ -26,7 +26,6 @@ from dmfc.sweep.ledger import Ledger
 from dmfc.sweep.replay import input_folders
 from dmfc.sweep.selection import list_refs
 from dmfc.sweep.stages import evaluation_of
-from tests.benchmarks.compare import RATIOS
 from tests.execution.execution_shapes import runner, standing
 from tests.grasps.grasp_shapes import planned, shape
 
@@ -63,14 +62,14 @@ def physics_clock(monkeypatch: pytest.MonkeyPatch) -> Iterator[SimpleNamespace]:
         spent.all = time.process_time() - start
 
 
-def tell(benchmark, spent: SimpleNamespace, trials: int) -> None:
+def note(benchmark, tell, spent: SimpleNamespace, trials: int) -> None:
     found = {
         "share of CPU time inside mj_step": round(spent.inside / spent.all, 3),
         "microseconds per step": round(1e6 * spent.inside / spent.steps, 1),
         "trials per CPU second": round(trials / spent.all, 2),
     }
     benchmark.extra_info.update(found)
-    RATIOS.append(f"{benchmark.group}: " + ", ".join(f"{k} {v}" for k, v in found.items()))
+    tell(f"{benchmark.group}: " + ", ".join(f"{k} {v}" for k, v in found.items()))
 
 
 @pytest.fixture(scope="module")
@@ -86,11 +85,11 @@ def run_all(trials: TrialRunner) -> None:
 
 
 @pytest.mark.benchmark(group="trials of a block, one convex part")
-def test_trials(benchmark, trials, monkeypatch):
+def test_trials(benchmark, trials, monkeypatch, tell):
     run_all(trials)
     with physics_clock(monkeypatch) as spent:
         benchmark.pedantic(run_all, args=(trials,), rounds=1)
-    tell(benchmark, spent, len(planned("block")))
+    note(benchmark, tell, spent, len(planned("block")))
 
 
 @pytest.fixture(scope="module")
@@ -104,7 +103,7 @@ def hundred(tmp_path_factory, shadow_hand_dir) -> SimpleNamespace:
 
 
 @pytest.mark.benchmark(group="a shard of 8 scenes of YCB, as a worker runs it")
-def test_shard(benchmark, hundred, monkeypatch, tmp_path):
+def test_shard(benchmark, hundred, monkeypatch, tmp_path, tell):
     """From the opening of its files to the writing of its rows."""
     stage = hundred.shards[1]
     folders = input_folders(hundred.ledger, stage.inputs)
@@ -115,18 +114,18 @@ def test_shard(benchmark, hundred, monkeypatch, tmp_path):
     shard()
     with physics_clock(monkeypatch) as spent:
         benchmark.pedantic(shard, rounds=1)
-    tell(benchmark, spent, len(pd.read_parquet(tmp_path / TRIALS)))
+    note(benchmark, tell, spent, len(pd.read_parquet(tmp_path / TRIALS)))
 
 
 @pytest.mark.benchmark(group="100 scenes of YCB, K = 4, all cores, Ray's start included")
-def test_hundred_scenes(benchmark, hundred):
+def test_hundred_scenes(benchmark, hundred, tell):
     outcomes = benchmark.pedantic(
         run_stages, args=(hundred.shards, hundred.ledger, hundred.config), rounds=1
     )
     assert {outcome.status for outcome in outcomes.values()} == {"ran"}
     busy, wall = sum(o.seconds for o in outcomes.values()), benchmark.stats.stats.mean
     benchmark.extra_info["worker_seconds"] = round(busy, 1)
-    RATIOS.append(
+    tell(
         f"100 scenes, K = 4: {wall:.0f} s (limit 150), {400 / wall:.2f} trials/s, "
         f"workers busy for {busy:.0f} s in all"
     )
@@ -147,7 +146,7 @@ def work(repeats: int) -> None:
 
 @pytest.mark.benchmark(group="12 x 6 trials on 1 and 2 workers")
 @pytest.mark.parametrize("workers", [1, 2])
-def test_workers(benchmark, workers, shadow_hand_dir):
+def test_workers(benchmark, workers, shadow_hand_dir, tell):
     """Processes, started and warm before the clock runs; ideal is half the time for two."""
     with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
         list(pool.map(work, [1] * workers))
@@ -156,4 +155,4 @@ def test_workers(benchmark, workers, shadow_hand_dir):
         )
     SECONDS[workers] = benchmark.stats.stats.mean
     if {1, 2} <= set(SECONDS):
-        RATIOS.append(f"from 1 to 2 workers: {SECONDS[1] / SECONDS[2]:.2f} x (limit 1.8)")
+        tell(f"from 1 to 2 workers: {SECONDS[1] / SECONDS[2]:.2f} x (limit 1.8)")

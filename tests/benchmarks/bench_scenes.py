@@ -1,7 +1,8 @@
 """Scenes: how many are made and loaded per second, and what a second worker brings.
 
 Twelve procedural objects and the library's grasps, 3 to 5 objects per scene, the Shadow Hand;
-rendering, fusing and labels are in the times. CPU time says what an undisturbed core would do.
+rendering, fusing and labels are in the times. CPU time says what an undisturbed core would do. The
+report ends with the figures in words, beside what is wanted of two cores.
 """
 
 from __future__ import annotations
@@ -64,20 +65,20 @@ def make(folder: Path, numbers: range, config: ScenesConfig = CONFIG) -> None:
 
 @pytest.mark.benchmark(group="100 multi-object scenes, one core")
 @pytest.mark.parametrize("depth", ["rebuild", "keep"])
-def test_scenes(benchmark, folder, depth):
+def test_scenes(benchmark, folder, depth, tell):
     inputs(folder)
     config = replace(CONFIG, depth=depth)
     cpu = time.process_time()
     benchmark.pedantic(make, args=(folder, range(SCENES), config), rounds=1)
     cpu = time.process_time() - cpu
     benchmark.extra_info["scenes_per_cpu_second"] = round(SCENES / cpu, 1)
-    print(benchmark.extra_info)
+    tell(f"scenes made, depth={depth}: {SCENES / cpu:.1f} per CPU second of one core")
     assert SCENES / cpu > 5  # 10 scenes per second on two cores
 
 
 @pytest.mark.benchmark(group="200 multi-object scenes on 1 and 2 workers")
 @pytest.mark.parametrize("workers", [1, 2])
-def test_workers(benchmark, workers, folder):
+def test_workers(benchmark, workers, folder, tell, seconds):
     """Processes, started and warm before the clock runs; ideal is half the time for two."""
     with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
         list(pool.map(make, [folder] * workers, [range(8)] * workers))
@@ -85,18 +86,35 @@ def test_workers(benchmark, workers, folder):
         benchmark.pedantic(
             lambda: list(pool.map(make, [folder] * workers, parts)), rounds=1, iterations=1
         )
-    benchmark.extra_info["scenes_per_second"] = round(2 * SCENES / benchmark.stats["mean"], 1)
-    print(benchmark.extra_info)
+    seconds[workers] = benchmark.stats["mean"]
+    rate = 2 * SCENES / seconds[workers]
+    benchmark.extra_info["scenes_per_second"] = round(rate, 1)
+    wanted = " (wanted: 10)" if workers == 2 else ""
+    tell(f"scenes made by {workers} worker(s): {rate:.1f} per second{wanted}")
+    if len(seconds) == 2:
+        tell(f"from 1 to 2 workers: {seconds[1] / seconds[2]:.2f} times (wanted: 1.8)")
+        tell(f"so 10,000 scenes on 2 workers: {10_000 / rate / 60:.1f} min (wanted: under 20)")
+
+
+@pytest.fixture(scope="module")
+def seconds() -> dict[int, float]:
+    """Number of workers -> wall time."""
+    return {}
 
 
 @pytest.fixture(scope="module", params=["rebuild", "keep"])
-def loader(request, folder) -> SceneData:
+def loader(request, folder, tell) -> SceneData:
     """Training batches of a set of 100 scenes with all augmentation, without and with depth."""
     objects, grasps, hand = inputs(folder)
     config = replace(CONFIG, depth=request.param)
     path = folder / f"{request.param}.parquet"
     make_scene_file(config, config.train, range(SCENES), objects, grasps, hand, path)
-    print(f"{request.param}: {path.stat().st_size / SCENES / 1e3:.1f} kB per scene")
+    size = path.stat().st_size / SCENES
+    wanted = " (wanted: under 500)" if request.param == "rebuild" else ""
+    tell(
+        f"scenes on disk, depth={request.param}: {size / 1e3:.1f} kB each, so 10,000 are "
+        f"{10_000 * size / 1e6:.0f} MB{wanted}"
+    )
     return SceneData(
         config, MatchingConfig(), SceneSet.open([path]), grasps, list(objects), hand.palm_reference
     )
@@ -104,7 +122,7 @@ def loader(request, folder) -> SceneData:
 
 @pytest.mark.benchmark(group="400 scenes loaded with augmentation")
 @pytest.mark.parametrize("workers", [0, 2])
-def test_loader(benchmark, loader, workers):
+def test_loader(benchmark, loader, workers, tell):
     loader._workers = workers
     batches = loader.train_dataloader()
 
@@ -119,7 +137,10 @@ def test_loader(benchmark, loader, workers):
     cpu = time.process_time()
     assert benchmark.pedantic(epochs, rounds=1) == 4 * SCENES
     cpu = time.process_time() - cpu
-    benchmark.extra_info["scenes_per_second"] = round(4 * SCENES / benchmark.stats["mean"], 1)
+    rate = 4 * SCENES / benchmark.stats["mean"]
+    benchmark.extra_info["scenes_per_second"] = round(rate, 1)
+    told = f"scenes loaded, {workers} worker(s): {rate:.0f} per second"
     if workers == 0:
         benchmark.extra_info["scenes_per_cpu_second"] = round(4 * SCENES / cpu, 1)
-    print(benchmark.extra_info)
+        told += f", {4 * SCENES / cpu:.0f} per CPU second of one core"
+    tell(told + (" (wanted: 100)" if workers == 2 else ""))

@@ -10,6 +10,7 @@ import pytest
 from matplotlib.image import imread
 
 from dmfc import cli
+from dmfc.assets.packs import get_pack
 from dmfc.scenes.published import PublishedSet
 from dmfc.sweep import selection
 from dmfc.sweep.kinds import KINDS
@@ -57,13 +58,23 @@ def test_a_set_from_making_to_elsewhere(dmfc, tmp_path):
         *("manifest.json", "README.md", "sheet.png", "shards", "grasps")
     }
     card = (away / "README.md").read_text()
-    assert f"| grasps | {made['grasps']} |" in card
+    candidates = 80 * 8 * made["objects_per_scene"]
+    share = 100 * made["grasps"] / candidates
+    assert f"| labels | {made['grasps']} ({share:.1f} %) |" in card
+    assert f"| grasps of the objects, scene by scene | {candidates:.0f} |" in card
+    seeds = 100 * made["matching"]["patch"]["positive_seeds"]
+    assert next(row for row in card.splitlines() if "**patch**" in row).split(" | ")[3] == (
+        f"{seeds:.1f} %"
+    )
+    packs = json.loads((away / "manifest.json").read_text())["packs"]
+    assert packs == {"shadow_hand": get_pack("shadow_hand").sha256}
     assert "| set.kind | multi |" in card
     assert imread(away / "sheet.png").std() > 0.05
 
     (store / "stages").rename(tmp_path / "gone")  # what is published needs no store
     status, out, _ = dmfc("scenes", "stats", "--at", away, *options)
     assert {**json.loads(out), "place": ""} == {**made, "place": ""}
+    assert dmfc("scenes", "stats", "--at", away, "--verify", *options)[0] == 0
     picture = tmp_path / "scene.png"
     status, out, err = dmfc("scenes", "show", 3, "--at", away, "-o", picture, *options)
     assert status == 0, err
@@ -71,6 +82,13 @@ def test_a_set_from_making_to_elsewhere(dmfc, tmp_path):
     assert imread(picture).std() > 0.05
     status, _, err = dmfc("scenes", "show", 8, "--at", away, *options)
     assert (status, err) == (1, "error: there is no scene 8: the set holds 8\n")
+    shard = away / "shards" / "00001.parquet"
+    shard.write_bytes(shard.read_bytes()[:-9])
+    status, _, err = dmfc("scenes", "stats", "--at", away, "--verify", *options)
+    assert status == 1
+    assert "1 files" in err
+    assert "shards/00001.parquet" in err
+    assert f"--out {away}` makes them again" in err
 
 
 def test_a_truncated_shard_is_mended_by_making_again(dmfc, tmp_path):

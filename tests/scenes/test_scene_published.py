@@ -16,7 +16,7 @@ from dmfc.config.scenes import CameraConfig, MatchingConfig, ScenesConfig
 from dmfc.errors import DmfcError
 from dmfc.scenes.dataset import SceneDataset, collate
 from dmfc.scenes.make import make_shard
-from dmfc.scenes.own import cloud_scene, read_cloud
+from dmfc.scenes.own import cloud_scene, import_clouds, read_cloud
 from dmfc.scenes.published import PublishedSet, packs_of, publish
 from dmfc.training.predict import predict
 from dmfc.training.weights import new_network
@@ -51,7 +51,8 @@ def test_an_object_store(files, scenes, grasps, hand):
     same_set(found, scenes, grasps, hand)
     memory = fsspec.filesystem("memory")
     memory.pipe("/bucket/set/shards/00001.parquet", files[0][1].read_bytes()[:-7])
-    assert found.damaged() == ["shards/00001.parquet"]
+    memory.rm("/bucket/set/grasps/shape__box.parquet")
+    assert found.damaged() == ["shards/00001.parquet", "grasps/shape__box.parquet"]
     with pytest.raises(DmfcError, match=r"00001\.parquet is damaged or cut short"):
         _ = PublishedSet.open(place).scenes
 
@@ -75,6 +76,7 @@ def same_set(found, scenes, grasps, hand):
 def test_a_manifest_names_the_packs():
     found = packs_of({"ycb/mug": "", "procedural/box-0000": "", "random/3": ""})
     assert found == {name: get_pack(name).sha256 for name in ("ycb", "random")}
+    assert list(packs_of(["procedural/box-0000"], "shadow_hand")) == ["shadow_hand"]
 
 
 def test_what_is_no_set_is_told_in_one_line(tmp_path):
@@ -86,7 +88,7 @@ def test_what_is_no_set_is_told_in_one_line(tmp_path):
             PublishedSet.open(place)
         assert "\n" not in str(caught.value)
     (tmp_path / "manifest.json").write_text(json.dumps({"kind": "other"}))
-    with pytest.raises(DmfcError, match="no scene set of version 1"):
+    with pytest.raises(DmfcError, match="no scene set of version 2"):
         PublishedSet.open(str(tmp_path))
 
 
@@ -118,13 +120,45 @@ def test_errors_of_own_clouds(tmp_path):
         cloud_scene(np.zeros((3, 3)), 0, ScenesConfig())
 
 
+@pytest.mark.parametrize(
+    ("scale", "above", "why"),
+    [
+        ([1000, 1000, 1000], -1.0, r"mine\.npy: it reaches 100 m from the table's centre.*--unit"),
+        ([1, 1, -1], -1.0, r"mine\.npy: it reaches 0\.05 m below the table top"),
+        ([1, 1, -1], 0.01, r"mine\.npy: it has no points there"),
+    ],
+)
+def test_a_cloud_that_is_not_on_the_table_is_refused(tmp_path, scale, above, why):
+    """In another unit, or in the frame of a camera that looks down."""
+    corners = np.array([[x, y, z] for x in (-0.1, 0.1) for y in (0, 0.1) for z in (0, 0.05)])
+    np.save(tmp_path / "mine.npy", np.repeat(corners, 4, axis=0))
+    out = tmp_path / "scenes.parquet"
+    assert import_clouds([tmp_path / "mine.npy"], out, ScenesConfig(points=64)) == 1
+    np.save(tmp_path / "mine.npy", np.repeat(corners, 4, axis=0) * scale)
+    with pytest.raises(DmfcError, match=why):
+        import_clouds([tmp_path / "mine.npy"], out, ScenesConfig(points=64), above=above)
+
+
+def test_normals_of_an_own_cloud_point_out():
+    """Also where the nearest camera is not the one that sees a face: a box beside the centre."""
+    box = trimesh.creation.box((0.06, 0.09, 0.12))
+    box.apply_translation([0.12, 0.03, 0.06])
+    points, face = trimesh.sample.sample_surface(box, 6000, seed=0)
+    seen = points[box.face_normals[face][:, 2] > -0.5]
+    scene = cloud_scene(seen, 0, ScenesConfig())
+    _, distance, face = trimesh.proximity.closest_point(box, scene.points)
+    cosine = (scene.normals * box.face_normals[face]).sum(1)
+    assert distance.max() < 1e-6
+    assert (cosine > 0.9).mean() > 0.9  # not within a neighbourhood of an edge
+    assert (cosine < -0.5).mean() < 0.01
+
+
 def test_an_own_cloud_goes_through_loader_and_network(hand, tmp_path):
     ball = trimesh.creation.icosphere(4, 0.05)
     ball.apply_translation([0, 0, 0.05])
     seen = ball.vertices[ball.vertices[:, 2] > 0.03]
     scene = cloud_scene(np.asarray(seen), 7, ScenesConfig())
     outward = (scene.points - [0, 0, 0.05]) / 0.05
-    # beside the top, every point faces the camera on its side
     assert ((scene.normals * outward).sum(1) > 0.9).mean() > 0.95
     dataset = SceneDataset(
         [scene], {}, [], hand.palm_reference, MatchingConfig(), CameraConfig(), seeds=64

@@ -11,6 +11,7 @@ import pytest
 
 from dmfc.config.scenes import ScenesConfig, SceneSetConfig
 from dmfc.errors import DmfcError
+from dmfc.scenes import scene_set
 from dmfc.scenes.make import (
     make_scene_file,
     make_shard,
@@ -114,6 +115,19 @@ def test_a_set_can_be_sent_to_another_process(shards, scenes):
     read = SceneSet.open(shards)
     assert_same(read[5], scenes[5])
     assert_same(pickle.loads(pickle.dumps(read))[5], scenes[5])
+
+
+def test_a_process_keeps_no_more_than_the_limit(shards, scenes, monkeypatch):
+    """With room for two shards of three, whatever the order; what was let go is read again."""
+    read = SceneSet.open(shards)
+    list(read)
+    sizes = [shard.kept_bytes for shard in read._shards]
+    assert min(sizes) > 0  # the usual limit keeps all
+    monkeypatch.setattr(scene_set, "KEPT_BYTES", sizes[0] + sizes[1])
+    for number in (0, 6, 3, 1, 5, 2, 4, 0):
+        assert_same(read[number], scenes[number])
+        assert sum(shard.kept_bytes for shard in read._shards) <= sizes[0] + sizes[1]
+    assert [shard.kept_bytes > 0 for shard in read._shards] == [True, True, False]
 
 
 def test_url_of_a_shard(shards, scenes):
