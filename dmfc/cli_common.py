@@ -29,7 +29,9 @@ INTERRUPTED = 130
 
 Preset = Annotated[
     str,
-    typer.Option("--preset", help="Settings to start from: smoke, quick, paper, or a YAML file."),
+    typer.Option(
+        "--preset", help="Settings to start from: smoke, quick, hour, paper, or a YAML file."
+    ),
 ]
 Overrides = Annotated[
     list[str] | None,

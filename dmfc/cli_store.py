@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from dmfc.cli_common import STORE, AsJson, Store, answer, show_rows
-from dmfc.errors import DmfcError
 
 store_app = typer.Typer(
     name="store", help="Finished stages: what there is, and moving it.", no_args_is_help=True
@@ -119,34 +117,38 @@ def prune(
 
 @store_app.command("export")
 def export(
-    archive: Annotated[Path, typer.Argument(help="File to write: .tar, or .tar.gz.")],
+    archive: Annotated[
+        str, typer.Argument(help="File to write, .tar or .tar.gz: a path or a URL (s3://...).")
+    ],
     sweeps: Sweeps = None,
     store: Store = STORE,
 ) -> None:
     """Write sweeps and all stages that they are made of into one archive; default: all sweeps."""
     from dmfc.report.collect import list_sweeps, resolve_sweeps
-    from dmfc.sweep.archive import export as write
+    from dmfc.sweep.archive import export_to
     from dmfc.sweep.ledger import Ledger
     from dmfc.sweep.store import referred
 
     ledger = Ledger(store)
     chosen = resolve_sweeps(ledger, sweeps) if sweeps else list_sweeps(ledger)
-    count = write(ledger, referred(ledger, chosen), chosen, archive)
+    count = export_to(ledger, referred(ledger, chosen), chosen, archive)
     typer.echo(f"{archive}: {count} stages of {', '.join(chosen)}")
 
 
 @store_app.command("import")
 def import_(
-    archive: Annotated[Path, typer.Argument(help="What `dmfc store export` wrote.")],
+    archive: Annotated[
+        str, typer.Argument(help="What `dmfc store export` wrote: a path or a URL.")
+    ],
     store: Store = STORE,
 ) -> None:
     """Take in an archive: every file and key is checked before anything is added."""
-    from dmfc.sweep.archive import take_in
+    from dmfc.sweep.archive import fetched, take_in
     from dmfc.sweep.ledger import Ledger
 
-    if not archive.is_file():
-        raise DmfcError(f"archive '{archive}' does not exist")
-    brought = take_in(Ledger(store), archive)
+    ledger = Ledger(store)
+    with fetched(ledger, archive) as local:
+        brought = take_in(ledger, local)
     typer.echo(
         f"{len(brought.stages)} stages added, {len(brought.known)} were there, "
         f"sweeps: {', '.join(brought.sweeps)}"

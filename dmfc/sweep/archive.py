@@ -11,17 +11,23 @@ import json
 import shutil
 import tarfile
 import uuid
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from pyarrow.fs import FileType
+
 from dmfc.errors import DmfcError
+from dmfc.scenes.storage import located
 from dmfc.sweep.digest import RECORD, damage, folder_digests
 from dmfc.sweep.ledger import Ledger
 from dmfc.sweep.store import identity_key, verify
 
 MANIFEST = "manifest.json"
 VERSION = 1
+COPY_BYTES = 2**22
+"""Read and written at once on the way to a URL."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +37,61 @@ class Imported:
     stages: list[str]
     known: list[str]
     sweeps: list[str]
+
+
+@contextmanager
+def fetched(ledger: Ledger, place: str) -> Iterator[Path]:
+    """The archive at a path or URL as a local file, while the context lasts.
+
+    Raises DmfcError if it is not there or cannot be read.
+    """
+    if "://" not in place:
+        if not Path(place).is_file():
+            raise DmfcError(f"archive '{place}' does not exist")
+        yield Path(place)
+        return
+    with _temporary(ledger, place) as path:
+        _transfer(place, str(path))
+        yield path
+
+
+def export_to(
+    ledger: Ledger, addresses: Iterable[str], sweep_ids: Sequence[str], place: str
+) -> int:
+    """As `export`, to a path or a URL; a URL is written once the archive is whole."""
+    if "://" not in place:
+        return export(ledger, addresses, sweep_ids, Path(place))
+    system, path = located(place)
+    try:
+        taken = system.get_file_info(path).type != FileType.NotFound
+    except OSError as error:
+        raise DmfcError(f"{place} cannot be reached: {str(error).splitlines()[0]}") from error
+    if taken:
+        raise DmfcError(f"'{place}' is there already: remove it, or give another name")
+    with _temporary(ledger, place) as local:
+        count = export(ledger, addresses, sweep_ids, local)
+        _transfer(str(local), place)
+    return count
+
+
+@contextmanager
+def _temporary(ledger: Ledger, place: str) -> Iterator[Path]:
+    """A name for the archive in the store's work folder, removed at the end."""
+    ledger.prepare()
+    path = ledger.store / "work" / f"archive-{uuid.uuid4().hex[:8]}-{place.rpartition('/')[2]}"
+    try:
+        yield path
+    finally:
+        path.unlink(missing_ok=True)
+
+
+def _transfer(source: str, target: str) -> None:
+    (system, path), (other, to) = located(source), located(target)
+    try:
+        with system.open_input_stream(path) as given, other.open_output_stream(to) as taken:
+            shutil.copyfileobj(given, taken, COPY_BYTES)
+    except OSError as error:
+        raise DmfcError(f"{source} was not copied to {target}: {error}") from error
 
 
 def export(

@@ -7,7 +7,7 @@ import tarfile
 import pytest
 
 from dmfc.errors import DmfcError
-from dmfc.sweep.archive import export, take_in
+from dmfc.sweep.archive import export, export_to, fetched, take_in
 from dmfc.sweep.engine import run_stages
 from dmfc.sweep.graph import GraphBuilder
 from dmfc.sweep.ledger import Ledger
@@ -88,6 +88,23 @@ def test_an_archive_carries_a_sweep_to_another_store(swept, ledger, tmp_path, na
     assert [path.name for path in (other.store / "work").iterdir()] == []
     with pytest.raises(DmfcError, match="is there already"):
         export(ledger, addresses, [], archive)
+
+
+@pytest.mark.parametrize("scheme", ["file", "memory"])
+def test_an_archive_may_lie_at_a_url(swept, ledger, tmp_path, scheme):
+    place, other = f"{scheme}://{tmp_path}/a.tar.gz", Ledger(tmp_path / "other")
+    addresses = referred(ledger, [swept.id])
+    assert export_to(ledger, addresses, [swept.id], place) == len(addresses)
+    with fetched(other, place) as local:
+        assert set(take_in(other, local).stages) == addresses
+    assert list((other.store / "work").iterdir()) == []
+    with pytest.raises(DmfcError, match="is there already"):
+        export_to(ledger, addresses, [], place)
+    missing = place.replace("a.tar", "b.tar")
+    with pytest.raises(DmfcError, match="was not copied"), fetched(other, missing):
+        pass
+    with pytest.raises(DmfcError, match="nothing here opens"):
+        export_to(ledger, addresses, [], "nowhere://a.tar")
 
 
 def rewrite(archive, changes):

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from ray.cluster_utils import Cluster
 
+HELD = "held.json"
+"""Where a stage that a test holds says its process and its node."""
+
 
 class TwoNodes:
     """A head and a worker node with a CPU each."""
@@ -26,6 +29,11 @@ class TwoNodes:
     @property
     def address(self) -> str:
         return self._cluster.address
+
+    @property
+    def worker_id(self) -> str:
+        """Ray's id of the node that can be killed."""
+        return self._worker.node_id
 
     def kill_worker_node(self) -> None:
         """SIGKILL its raylet; the workers on it die with it."""
