@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from dmfc.cli_common import STORE, AsJson, Store, answer, show_rows
+from dmfc.errors import DmfcError
 
 store_app = typer.Typer(
     name="store", help="Finished stages: what there is, and moving it.", no_args_is_help=True
@@ -22,9 +23,10 @@ Sweeps = Annotated[
 def list_(kind: Kind = None, store: Store = STORE, as_json: AsJson = False) -> None:
     """Count the finished stages by kind, or list those of one kind."""
     from dmfc.sweep.ledger import Ledger
-    from dmfc.sweep.store import entries
+    from dmfc.sweep.store import entries, known_kind
 
-    found = list(entries(Ledger(store), kind or "*"))
+    ledger = Ledger(store)
+    found = list(entries(ledger, known_kind(ledger, kind) if kind else "*"))
     if kind:
         rows = [
             {
@@ -72,10 +74,13 @@ def show(
 def verify(kind: Kind = None, store: Store = STORE, as_json: AsJson = False) -> None:
     """Compare every file with the digest that was kept when its stage was finished."""
     from dmfc.sweep.ledger import Ledger
+    from dmfc.sweep.store import known_kind
     from dmfc.sweep.store import verify as check
 
     ledger = Ledger(store)
-    checked = list(check(ledger, ledger.addresses(kind or "*")))
+    checked = list(check(ledger, ledger.addresses(known_kind(ledger, kind) if kind else "*")))
+    if not checked:
+        raise DmfcError(f"no finished stages in the store '{ledger.store}' (see --store)")
     bad = [{"stage": address, "wrong": "; ".join(wrong)} for address, wrong in checked if wrong]
     if as_json:
         answer({"stages": len(checked), "damaged": bad})

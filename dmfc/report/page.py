@@ -119,11 +119,9 @@ def _row(
 def _runs(cell: str, seeds: Sequence[int], tracked: Mapping[str, Any]) -> list[dict[str, str]]:
     """Links to a cell's runs in MLflow, those that are there."""
     known = tracked.get("runs", {})
+    runs = f"{_server(tracked)}/#/experiments/{tracked.get('experiment_id')}/runs"
     return [
-        {
-            "name": f"seed {seed}",
-            "url": f"{_server(tracked)}/#/experiments/{tracked['experiment_id']}/runs/{known[name]}",
-        }
+        {"name": f"seed {seed}", "url": f"{runs}/{known[name]}"}
         for seed in seeds
         if (name := f"{cell}-seed{seed}") in known
     ]
@@ -132,7 +130,7 @@ def _runs(cell: str, seeds: Sequence[int], tracked: Mapping[str, Any]) -> list[d
 def _server(tracked: Mapping[str, Any]) -> str:
     """Address of the pages of the runs."""
     uri = str(tracked.get("uri", ""))
-    return uri.rstrip("/") if uri.startswith("http") else UI
+    return uri.rstrip("/") if uri.startswith(("http://", "https://")) else UI
 
 
 def _searched(

@@ -11,6 +11,7 @@ import json
 import shutil
 import tarfile
 import uuid
+import zlib
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -154,7 +155,9 @@ def take_in(ledger: Ledger, archive: Path) -> Imported:
             if not target.exists():
                 (staging / "sweeps" / name).rename(target)
         return Imported(added, known, sweeps)
-    except (OSError, tarfile.TarError, EOFError) as error:
+    except tarfile.ReadError as error:
+        raise DmfcError(f"'{archive}' is no tar archive, or a damaged one") from error
+    except (OSError, tarfile.TarError, EOFError, zlib.error) as error:
         raise DmfcError(f"'{archive}' was not taken in: {error}") from error
     finally:
         shutil.rmtree(staging, ignore_errors=True)
@@ -164,7 +167,7 @@ def _check(staging: Path, archive: Path) -> tuple[list[str], list[str]]:
     """Addresses of the stages and ids of the sweeps, after comparing every file and key."""
     try:
         manifest = json.loads((staging / MANIFEST).read_text())
-        stages, folders = manifest["stages"], manifest["folders"]
+        stages, folders = list(manifest["stages"]), dict(manifest["folders"])
         version = manifest["version"]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise DmfcError(f"'{archive}' is no archive of stages: no manifest ({error})") from error
@@ -172,15 +175,17 @@ def _check(staging: Path, archive: Path) -> tuple[list[str], list[str]]:
         raise DmfcError(f"'{archive}' has version {version}; this dmfc reads {VERSION}")
     for folder, digests in folders.items():
         parts = Path(folder).parts
-        if len(parts) != {"stages": 3, "sweeps": 2}.get(parts[0]) or ".." in parts:
+        if not parts or len(parts) != {"stages": 3, "sweeps": 2}.get(parts[0]) or ".." in parts:
             raise DmfcError(f"'{archive}': unexpected folder '{folder}'")
         recorded = dict(digests)
         own = recorded.pop(RECORD, None)
         wrong = list(damage(staging / folder, recorded))
-        if own is not None and own != _digests(staging / folder).get(RECORD):
+        if own != _digests(staging / folder).get(RECORD):
             wrong.append(f"{RECORD} has changed")
         if wrong:
             raise DmfcError(f"'{archive}' is damaged: {folder}: {wrong[0]}")
+    if {f"stages/{address}" for address in stages} != {f for f in folders if f[:7] == "stages/"}:
+        raise DmfcError(f"'{archive}': its manifest lists other stages than it has digests of")
     for address in stages:
         record = json.loads((staging / "stages" / address / RECORD).read_text())
         if f"{record['kind']}/{identity_key(record)}" != address:

@@ -124,12 +124,14 @@ def test_a_damaged_or_hostile_archive_adds_nothing(swept, ledger, tmp_path):
     export(ledger, [address], [], whole)
     record = json.loads((ledger.folder(address) / "stage.json").read_text())
     manifest = {"version": 1, "stages": [], "folders": {"stages/../../x": {}}}
+    other_stage = {"version": 1, "stages": ["../x/y"], "folders": {}}
     for changes, part in [
         ({f"stages/{address}/sum.json": b"7"}, "sum.json has changed"),
         ({f"stages/{address}/extra": b""}, "does not belong there"),
         ({f"stages/{address}/stage.json": json.dumps(record).encode()}, "has changed"),
         ({"manifest.json": b"{}"}, "no manifest"),
         ({"manifest.json": json.dumps(manifest).encode()}, "unexpected folder"),
+        ({"manifest.json": json.dumps(other_stage).encode()}, "lists other stages"),
         ({"../../evil": b"x"}, "was not taken in"),
     ]:
         archive = tmp_path / "bad.tar"
@@ -140,8 +142,27 @@ def test_a_damaged_or_hostile_archive_adds_nothing(swept, ledger, tmp_path):
     archive.write_bytes(whole.read_bytes()[:700])
     with pytest.raises(DmfcError):
         take_in(other, archive)
+    archive.write_text("no archive")
+    with pytest.raises(DmfcError, match="is no tar archive"):
+        take_in(other, archive)
     assert list(other.addresses()) == []
     assert not (tmp_path / "evil").exists()
+
+
+@pytest.mark.parametrize("name", ["a.tar", "a.tar.gz"])
+def test_no_flipped_byte_is_taken_in(swept, ledger, tmp_path, name):
+    """Wherever it is: refused on one line, or in a place that holds nothing (padding, times)."""
+    archive = tmp_path / name
+    export(ledger, [trivial("add", "x").address], [], archive)
+    whole = archive.read_bytes()
+    for place in range(0, len(whole), max(1, len(whole) // 60)):
+        archive.write_bytes(whole[:place] + bytes([whole[place] ^ 0x5A]) + whole[place + 1 :])
+        other = Ledger(tmp_path / f"other-{place}")
+        try:
+            take_in(other, archive)
+        except DmfcError:
+            assert list(other.addresses()) == []
+        assert not any(wrong for _, wrong in verify(other, other.addresses()))
 
 
 def test_a_forged_record_is_refused(ledger, tmp_path):
