@@ -18,7 +18,7 @@ from dmfc.report.failures import draw_failures
 from dmfc.report.figure import draw_rates
 from dmfc.report.formats import paper_text, rate_text
 from dmfc.report.paired import compare
-from dmfc.report.rates import Rate, concatenate
+from dmfc.report.rates import CONFIDENCE, Rate, concatenate
 from dmfc.report.table import NAMES, CellRows, SweepTable, TableRow
 from dmfc.report.trial_figure import draw_trials
 from dmfc.report.trials import trial_lines
@@ -176,7 +176,9 @@ def _paired(row: TableRow, base: TableRow, cells: Sequence[CellRows]) -> dict[st
         found = compare(_trials(row.name, cells), _trials(base.name, cells))
     except DmfcError:
         return nothing
-    sign = "better" if found.low > 0 else "worse" if found.high < 0 else ""
+    sign = ""
+    if found.p_scenes < 1 - CONFIDENCE:  # of few scenes the bootstrap's interval is too narrow
+        sign = "better" if found.low > 0 else "worse" if found.high < 0 else ""
     return {
         "text": f"{found.difference:+.2f}",
         "interval": f"[{found.low:+.2f}, {found.high:+.2f}]",
