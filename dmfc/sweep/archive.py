@@ -62,8 +62,8 @@ def export_to(
     """As `export`, to a path or a URL; a URL is written once the archive is whole."""
     if "://" not in place:
         return export(ledger, addresses, sweep_ids, Path(place))
-    system, path = located(place)
     try:
+        system, path = located(place)
         taken = system.get_file_info(path).type != FileType.NotFound
     except OSError as error:
         raise DmfcError(f"{place} cannot be reached: {str(error).splitlines()[0]}") from error
@@ -87,12 +87,13 @@ def _temporary(ledger: Ledger, place: str) -> Iterator[Path]:
 
 
 def _transfer(source: str, target: str) -> None:
-    (system, path), (other, to) = located(source), located(target)
     try:
+        (system, path), (other, to) = located(source), located(target)
         with system.open_input_stream(path) as given, other.open_output_stream(to) as taken:
             shutil.copyfileobj(given, taken, COPY_BYTES)
     except OSError as error:
-        raise DmfcError(f"{source} was not copied to {target}: {error}") from error
+        line = str(error).splitlines()[0]
+        raise DmfcError(f"{source} was not copied to {target}: {line}") from error
 
 
 def export(
