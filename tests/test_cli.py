@@ -20,6 +20,7 @@ from dmfc.config.load import shipped_names
 from dmfc.sweep import selection
 from dmfc.sweep.kinds import KINDS
 from dmfc.sweep.pools import LocalPool
+from dmfc.sweep.state import read_state
 from tests.sweep.fake_science import FAKES, fake_refs
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -303,6 +304,24 @@ def test_ctrl_c_prints_the_line_that_resumes(tmp_path):
     assert "Go on with:\n  dmfc sweep 'my sweep.yaml'" in err
     done = len(list(tmp_path.glob("stages/slow/*/stage.json")))
     assert 1 <= done < 20
+
+
+@pytest.mark.parametrize(
+    ("where", "state"),
+    [("sweep.engine.RayPool", "KILLED"), ("tracking.project.project_sweep", "FINISHED")],
+)
+def test_ctrl_c_at_the_start_and_at_the_end_prints_it_too(
+    dmfc, no_science, tmp_path, monkeypatch, where, state
+):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(f"dmfc.{where}", interrupted)
+    status, _, err = dmfc("sweep", "table2", "--preset", "smoke", "--store", tmp_path, "--json")
+    assert status == 130
+    assert f"Go on with:\n  dmfc sweep table2 --preset smoke --store {tmp_path}" in err
+    (folder,) = tmp_path.glob("sweeps/*")
+    assert read_state(folder).status == state
 
 
 def test_doctor_answers_a_machine(dmfc, tmp_path):
