@@ -17,6 +17,7 @@ import pytest
 from dmfc.sweep.context import read_attempt
 from dmfc.sweep.ledger import Ledger
 from dmfc.sweep.state import read_state
+from dmfc.tracking.ui import free_port
 from tests.sweep.test_chaos import one_finished_run_per_cell, rows
 from tests.sweep.two_nodes import TwoNodes
 
@@ -90,11 +91,16 @@ def test_a_ray_job_runs_on_a_cluster_of_two_nodes(tmp_path, shadow_hand_dir, mon
     """jobs/ray_job.sh as a user calls it; two `ray start` are the cluster, with a token."""
     monkeypatch.setenv("RAY_AUTH_MODE", "token")
     monkeypatch.setenv("RAY_AUTH_TOKEN", "0123456789abcdef" * 2)
-    port, dashboard = 26379, 28265
+    # Ray's own choice of ports is fixed; another Ray may have them here.
+    port, dashboard, client, *agents = (free_port(0) for _ in range(5))
     common = ["--num-cpus=1", "--object-store-memory=100000000", "--block"]
     head = ["--head", f"--port={port}", f"--dashboard-port={dashboard}", "--include-dashboard=true"]
+    head.append(f"--ray-client-server-port={client}")
     address, jobs = f"127.0.0.1:{port}", f"http://127.0.0.1:{dashboard}"
-    starts = [["ray", "start", *head, *common], ["ray", "start", f"--address={address}", *common]]
+    starts = [
+        ["ray", "start", *given, f"--dashboard-agent-listen-port={agent}", *common]
+        for given, agent in zip((head, [f"--address={address}"]), agents, strict=True)
+    ]
     count = "import ray; ray.init(); assert sum(node['Alive'] for node in ray.nodes()) == 2"
     probe = ["ray", "job", "submit", "--address", jobs, "--", "python", "-c", count]
     nodes = [subprocess.Popen(starts[0], stdout=subprocess.DEVNULL)]
