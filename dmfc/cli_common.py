@@ -6,7 +6,7 @@ import contextlib
 import json
 import shlex
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -29,7 +29,9 @@ INTERRUPTED = 130
 
 Preset = Annotated[
     str,
-    typer.Option("--preset", help="Settings to start from: smoke, quick, paper, or a YAML file."),
+    typer.Option(
+        "--preset", help="Settings to start from: smoke, quick, hour, paper, or a YAML file."
+    ),
 ]
 Overrides = Annotated[
     list[str] | None,
@@ -87,13 +89,26 @@ def run_shown(
 
     alone = len(unfinished(targets, ledger)) == 1
     # Ray prints the deaths of its processes on standard output, which belongs to the answer.
-    with contextlib.redirect_stdout(sys.stderr):
+    with contextlib.redirect_stdout(sys.stderr), interrupts_told():
         outcomes = run_stages(targets, ledger, config, watcher=watcher, local=alone)
-    if any(outcome.status == "interrupted" for outcome in outcomes.values()):
-        line = shlex.join(["dmfc", *sys.argv[1:]])
-        stderr().print(f"stopped; finished stages are kept. Go on with:\n  {line}", soft_wrap=True)
-        raise typer.Exit(INTERRUPTED)
+        if any(outcome.status == "interrupted" for outcome in outcomes.values()):
+            raise KeyboardInterrupt
     return outcomes
+
+
+@contextlib.contextmanager
+def interrupts_told() -> Iterator[None]:
+    """On Ctrl-C prints the line that resumes, and ends the program."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        line = shlex.join(["dmfc", *sys.argv[1:]])
+        stderr().print(
+            f"stopped; finished stages are kept. Go on with:\n  {line}",
+            soft_wrap=True,
+            markup=False,
+        )
+        raise typer.Exit(INTERRUPTED) from None
 
 
 def require(outcomes: Mapping[str, Any], stages: Sequence[Stage]) -> None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from dmfc.cli_common import run_shown, show_rows, stderr
+from dmfc.errors import DmfcError
 
 if TYPE_CHECKING:
     from dmfc.report.table import SweepTable
@@ -21,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Driven:
-    """Stages that were run, whether every row is complete, and answers for machines."""
+    """Stages that were run, whether all is complete (MLflow too), and answers for machines."""
 
     ran: int
     complete: bool
@@ -35,10 +37,15 @@ def drive(plans: Sequence[SweepPlan], ledger: Ledger, as_json: bool) -> Driven:
     """
     from dmfc.sweep.state import driving, write_state
     from dmfc.tracking.live import LiveTracking
+    from dmfc.tracking.store import require_answer
 
     ledger.prepare()
     folders = [plan.write(ledger) for plan in plans]
     run = plans[0].config.run
+    try:
+        require_answer(run.tracking_uri)
+    except DmfcError as error:  # MLflow can be made later; the sweep need not wait for it
+        stderr().print(f"{error}; the sweep goes on", markup=False, soft_wrap=True)
     live = LiveTracking(ledger, [plan.id for plan in plans], run.tracking_uri, run.tracking_seconds)
     try:
         with driving(folders):
@@ -65,7 +72,20 @@ def drive(plans: Sequence[SweepPlan], ledger: Ledger, as_json: bool) -> Driven:
     finally:
         live.finish()
     results = [_result(*item, ledger, ran > 0) for item in zip(plans, tables, strict=True)]
-    return Driven(ran, not any(_incomplete(table) for table in tables), results)
+    told = all("error" not in result["mlflow"] for result in results)
+    return Driven(ran, told and not any(_incomplete(table) for table in tables), results)
+
+
+@contextmanager
+def disk_errors_told(ledger: Ledger) -> Iterator[None]:
+    """Turns an error of the driver's own files into a line; those of stages are outcomes."""
+    try:
+        yield
+    except OSError as error:
+        raise DmfcError(
+            f"the store '{ledger.store}' cannot be used: {error.strerror or error}; what is "
+            "finished is kept: once that is mended, run the same line again"
+        ) from error
 
 
 def _failures(outcomes: Outcomes) -> dict[str, str]:
@@ -180,16 +200,14 @@ def _result(plan: SweepPlan, table: SweepTable, ledger: Ledger, anew: bool) -> d
     """Page and tracking of one sweep, and its answer for a machine."""
     from dmfc.report.formats import to_json
     from dmfc.report.page import PAGE
-    from dmfc.tracking.project import project_sweep
 
-    uri = plan.config.run.tracking_uri
     if anew or not (plan.folder(ledger) / PAGE).is_file():
         write = page_writer(ledger, plan.describe(), table)
         write()  # for MLflow to show
-        tracked = project_sweep(ledger, plan.id, uri)
+        tracked = _track(plan, ledger)
         write()  # with links to the runs that there are now
     else:
-        tracked = project_sweep(ledger, plan.id, uri)
+        tracked = _track(plan, ledger)
     result = to_json(table)
     for cell in plan.describe()["cells"]:
         stages = [cell["pretrain"], cell["model"], *cell["evaluations"]]
@@ -199,8 +217,20 @@ def _result(plan: SweepPlan, table: SweepTable, ledger: Ledger, anew: bool) -> d
     return {
         **result,
         "folder": str(plan.folder(ledger)),
-        "mlflow": {"uri": tracked.uri, "experiment": tracked.experiment_id, "run": tracked.run_id},
+        "mlflow": tracked,
     }
+
+
+def _track(plan: SweepPlan, ledger: Ledger) -> dict[str, str]:
+    """Bring MLflow up to date; where the sweep is in it, or why it is not."""
+    from dmfc.tracking.project import project_sweep
+
+    try:
+        tracked = project_sweep(ledger, plan.id, plan.config.run.tracking_uri)
+    except DmfcError as error:  # the table stands, and other sweeps have theirs to tell
+        stderr().print(f"{plan.id}: {error}", markup=False, soft_wrap=True)
+        return {"error": str(error)}
+    return {"uri": tracked.uri, "experiment": tracked.experiment_id, "run": tracked.run_id}
 
 
 def _print_table(table: SweepTable, paths: Sequence[Path]) -> None:

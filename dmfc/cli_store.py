@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -24,9 +23,10 @@ Sweeps = Annotated[
 def list_(kind: Kind = None, store: Store = STORE, as_json: AsJson = False) -> None:
     """Count the finished stages by kind, or list those of one kind."""
     from dmfc.sweep.ledger import Ledger
-    from dmfc.sweep.store import entries
+    from dmfc.sweep.store import entries, known_kind
 
-    found = list(entries(Ledger(store), kind or "*"))
+    ledger = Ledger(store)
+    found = list(entries(ledger, known_kind(ledger, kind) if kind else "*"))
     if kind:
         rows = [
             {
@@ -74,10 +74,13 @@ def show(
 def verify(kind: Kind = None, store: Store = STORE, as_json: AsJson = False) -> None:
     """Compare every file with the digest that was kept when its stage was finished."""
     from dmfc.sweep.ledger import Ledger
+    from dmfc.sweep.store import known_kind
     from dmfc.sweep.store import verify as check
 
     ledger = Ledger(store)
-    checked = list(check(ledger, ledger.addresses(kind or "*")))
+    checked = list(check(ledger, ledger.addresses(known_kind(ledger, kind) if kind else "*")))
+    if not checked:
+        raise DmfcError(f"no finished stages in the store '{ledger.store}' (see --store)")
     bad = [{"stage": address, "wrong": "; ".join(wrong)} for address, wrong in checked if wrong]
     if as_json:
         answer({"stages": len(checked), "damaged": bad})
@@ -119,34 +122,38 @@ def prune(
 
 @store_app.command("export")
 def export(
-    archive: Annotated[Path, typer.Argument(help="File to write: .tar, or .tar.gz.")],
+    archive: Annotated[
+        str, typer.Argument(help="File to write, .tar or .tar.gz: a path or a URL (s3://...).")
+    ],
     sweeps: Sweeps = None,
     store: Store = STORE,
 ) -> None:
     """Write sweeps and all stages that they are made of into one archive; default: all sweeps."""
     from dmfc.report.collect import list_sweeps, resolve_sweeps
-    from dmfc.sweep.archive import export as write
+    from dmfc.sweep.archive import export_to
     from dmfc.sweep.ledger import Ledger
     from dmfc.sweep.store import referred
 
     ledger = Ledger(store)
     chosen = resolve_sweeps(ledger, sweeps) if sweeps else list_sweeps(ledger)
-    count = write(ledger, referred(ledger, chosen), chosen, archive)
+    count = export_to(ledger, referred(ledger, chosen), chosen, archive)
     typer.echo(f"{archive}: {count} stages of {', '.join(chosen)}")
 
 
 @store_app.command("import")
 def import_(
-    archive: Annotated[Path, typer.Argument(help="What `dmfc store export` wrote.")],
+    archive: Annotated[
+        str, typer.Argument(help="What `dmfc store export` wrote: a path or a URL.")
+    ],
     store: Store = STORE,
 ) -> None:
     """Take in an archive: every file and key is checked before anything is added."""
-    from dmfc.sweep.archive import take_in
+    from dmfc.sweep.archive import fetched, take_in
     from dmfc.sweep.ledger import Ledger
 
-    if not archive.is_file():
-        raise DmfcError(f"archive '{archive}' does not exist")
-    brought = take_in(Ledger(store), archive)
+    ledger = Ledger(store)
+    with fetched(ledger, archive) as local:
+        brought = take_in(ledger, local)
     typer.echo(
         f"{len(brought.stages)} stages added, {len(brought.known)} were there, "
         f"sweeps: {', '.join(brought.sweeps)}"

@@ -9,8 +9,18 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from dmfc.cli_common import PRESET, STORE, AsJson, Overrides, Preset, Session, Store, answer
-from dmfc.cli_drive import drive, page_writer, show_status, write_tables
+from dmfc.cli_common import (
+    PRESET,
+    STORE,
+    AsJson,
+    Overrides,
+    Preset,
+    Session,
+    Store,
+    answer,
+    interrupts_told,
+)
+from dmfc.cli_drive import disk_errors_told, drive, page_writer, show_status, write_tables
 from dmfc.cli_dry_run import show_plans
 
 
@@ -65,7 +75,8 @@ def sweep(
         show_plans(plans, session.ledger, as_json)
         return
     started = time.monotonic()
-    driven = drive(plans, session.ledger, as_json)
+    with disk_errors_told(session.ledger), interrupts_told():
+        driven = drive(plans, session.ledger, as_json)
     closing = {"stages_run": driven.ran, "seconds": round(time.monotonic() - started, 2)}
     results = driven.results
     if as_json:

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import json
 import time
-from typing import Annotated
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from dmfc.cli_common import STORE, AsJson, Store, show_rows
+
+if TYPE_CHECKING:
+    from dmfc.sweep.ledger import Ledger
 
 tracking_app = typer.Typer(
     name="tracking", help="MLflow as a projection of the store.", no_args_is_help=True
@@ -66,29 +70,47 @@ def ui(
         bool, typer.Option("--open", help="Open the latest sweep in the browser.")
     ] = False,
 ) -> None:
-    """Serve the runs in MLflow on localhost until Ctrl-C."""
-    from dmfc.report.collect import list_sweeps
-    from dmfc.report.page import MARKER
+    """Serve the runs in MLflow on localhost until Ctrl-C; runs on a server are only linked to."""
     from dmfc.sweep.ledger import Ledger
     from dmfc.tracking.project import project_stale
-    from dmfc.tracking.ui import run_page, serve
+    from dmfc.tracking.store import database
+    from dmfc.tracking.ui import serve
 
     ledger = Ledger(store)
     project_stale(ledger)
+    there = _tracked(ledger)
     try:
+        if there and not database(ledger).is_file():  # all of them are on servers
+            _show_pages(there, "", open_page)
+            return
         with serve(ledger, port) as address:
             typer.echo(f"MLflow: {address}")
-            pages = []
-            for sweep_id in reversed(list_sweeps(ledger)):
-                marker = ledger.store / "sweeps" / sweep_id / MARKER
-                if marker.is_file():
-                    known = json.loads(marker.read_text())
-                    pages.append(run_page(address, known["experiment_id"], known["run_id"]))
-                    typer.echo(f"{sweep_id}: {pages[-1]}")
+            _show_pages(there, address, open_page)
             typer.echo("Ctrl-C ends it")
-            if open_page and pages:
-                typer.launch(pages[0])
             while True:
                 time.sleep(1)
     except KeyboardInterrupt:
         typer.echo("ended")
+
+
+def _tracked(ledger: Ledger) -> dict[str, dict[str, str]]:
+    """Where each sweep is in MLflow, the latest first."""
+    from dmfc.report.collect import list_sweeps
+    from dmfc.report.page import MARKER
+
+    paths = [ledger.store / "sweeps" / name / MARKER for name in reversed(list_sweeps(ledger))]
+    return {path.parent.name: json.loads(path.read_text()) for path in paths if path.is_file()}
+
+
+def _show_pages(there: Mapping[str, Mapping[str, str]], address: str, open_page: bool) -> None:
+    """Print each sweep's page, at its own server or at `address`; open the first."""
+    from dmfc.tracking.store import is_server
+    from dmfc.tracking.ui import run_page
+
+    pages = []
+    for sweep_id, known in there.items():
+        at = known["uri"].rstrip("/") if is_server(known["uri"]) else address
+        pages.append(run_page(at, known["experiment_id"], known["run_id"]))
+        typer.echo(f"{sweep_id}: {pages[-1]}")
+    if open_page and pages:
+        typer.launch(pages[0])

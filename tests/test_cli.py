@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -14,9 +16,11 @@ from pathlib import Path
 import pytest
 
 from dmfc import cli
+from dmfc.config.load import shipped_names
 from dmfc.sweep import selection
 from dmfc.sweep.kinds import KINDS
 from dmfc.sweep.pools import LocalPool
+from dmfc.sweep.state import read_state
 from tests.sweep.fake_science import FAKES, fake_refs
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -63,6 +67,8 @@ def test_every_verb_has_help(dmfc, verb):
     status, out, _ = dmfc(*verb, "--help")
     assert status == 0
     assert "Usage: dmfc" in out
+    if verb == ["sweep", "run"]:
+        assert all(name in out for name in shipped_names("configs"))
     if verb[0] in ("train", "evaluate", "scenes", "grasps") or verb == ["sweep", "run"]:
         for option in ("--preset", "--set", "--store", "--json"):
             assert option in out
@@ -85,6 +91,8 @@ def test_every_verb_has_help(dmfc, verb):
         (["train", "--set", "objects.train=[]"], "objects.train selects no object"),
         (["assets", "pull", "ycbb"], "did you mean 'ycb'"),
         (["tables"], "no sweeps in the store"),
+        (["store", "verify"], "no finished stages in the store"),
+        (["store", "list", "objct"], "unknown kind of stage 'objct'"),
         (["ui"], "no runs in the store"),
     ],
 )
@@ -189,6 +197,54 @@ def test_a_failed_cell_is_told_and_the_others_stand(dmfc, no_science, tmp_path):
     assert answer["cells"]["good"]["failure"] is None
 
 
+def test_a_full_disk_is_one_line_and_the_same_line_goes_on(dmfc, no_science, tmp_path, monkeypatch):
+    call = ("sweep", "table2", "--preset", "smoke", "--store", tmp_path, "--json")
+    with monkeypatch.context() as full:
+
+        def no_space(*_):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+        full.setattr("dmfc.sweep.state.write_json", no_space)
+        status, out, err = dmfc(*call)
+    assert (status, out) == (1, "")
+    last = err.splitlines()[-1]
+    assert "No space left on device" in last
+    assert "run the same line again" in last
+    status, out, _ = dmfc(*call)
+    assert status == 0
+    assert all(cell["failure"] is None for cell in json.loads(out)["cells"].values())
+
+
+def test_a_tracking_server_that_is_away_costs_no_result(dmfc, no_science, tmp_path, monkeypatch):
+    monkeypatch.setattr("dmfc.tracking.store.time.sleep", lambda _: None)
+    call = ("sweep", "table2", "--preset", "smoke", "--store", tmp_path, "--json")
+    with socket.socket() as taken:  # bound, but nobody listens
+        taken.bind(("127.0.0.1", 0))
+        uri = f"http://127.0.0.1:{taken.getsockname()[1]}"
+        status, out, err = dmfc(*call, "--set", f"run.tracking_uri={uri}")
+    assert status == 1
+    assert err.splitlines()[0].startswith(f"no MLflow server answers at '{uri}'")
+    assert err.splitlines()[0].endswith("the sweep goes on")
+    first = json.loads(out)
+    assert "no MLflow server answers" in first["mlflow"]["error"]
+    assert (Path(first["folder"]) / "table.html").is_file()
+    status, out, _ = dmfc(*call)
+    assert status == 0
+    assert json.loads(out)["cells"] == first["cells"]
+    assert json.loads(out)["mlflow"]["uri"].startswith("sqlite")
+
+
+def test_ui_of_a_sweep_on_a_server_links_to_it(dmfc, no_science, tmp_path):
+    dmfc("sweep", "table2", "--preset", "smoke", "--store", tmp_path, "--json")
+    (marker,) = tmp_path.glob("sweeps/*/tracked.json")
+    told = json.loads(marker.read_text()) | {"uri": "https://mlflow.lab/"}
+    marker.write_text(json.dumps(told))
+    shutil.rmtree(tmp_path / "mlflow")
+    status, out, _ = dmfc("ui", "--store", tmp_path)
+    page = f"https://mlflow.lab/#/experiments/{told['experiment_id']}/runs/{told['run_id']}"
+    assert (status, out) == (0, f"{marker.parent.name}: {page}\n")
+
+
 def test_two_sweeps_in_one_call_share_stages(dmfc, no_science, tmp_path):
     status, out, _ = dmfc(
         "sweep", "table1", "table2", "--preset", "smoke", "--store", tmp_path, "--json"
@@ -242,14 +298,32 @@ def test_ctrl_c_prints_the_line_that_resumes(tmp_path):
         cwd=ROOT,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
     )
-    end = time.monotonic() + 60
+    end = time.monotonic() + 600
     while not list(tmp_path.glob("stages/slow/*/stage.json")) and time.monotonic() < end:
         time.sleep(0.1)
     process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=60)
+    _, err = process.communicate(timeout=600)
     assert "Go on with:\n  dmfc sweep 'my sweep.yaml'" in err
     done = len(list(tmp_path.glob("stages/slow/*/stage.json")))
     assert 1 <= done < 20
+
+
+@pytest.mark.parametrize(
+    ("where", "state"),
+    [("sweep.engine.RayPool", "KILLED"), ("tracking.project.project_sweep", "FINISHED")],
+)
+def test_ctrl_c_at_the_start_and_at_the_end_prints_it_too(
+    dmfc, no_science, tmp_path, monkeypatch, where, state
+):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(f"dmfc.{where}", interrupted)
+    status, _, err = dmfc("sweep", "table2", "--preset", "smoke", "--store", tmp_path, "--json")
+    assert status == 130
+    assert f"Go on with:\n  dmfc sweep table2 --preset smoke --store {tmp_path}" in err
+    (folder,) = tmp_path.glob("sweeps/*")
+    assert read_state(folder).status == state
 
 
 def test_doctor_answers_a_machine(dmfc, tmp_path):

@@ -46,7 +46,9 @@ def draw_curves(ledger: Ledger, sweep: Mapping[str, Any], path: Path) -> bool:
             )
         axes.set_title(f"{stage}: training loss", loc="left", fontsize=11)
         axes.set_xlabel("epoch")
-        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
+        last = max((x for _, points in curves[stage].values() for x, _ in points), default=1)
+        axes.set_xlim(0.5, last + 0.5)  # one epoch alone would have fractions beside it
         axes.grid(alpha=0.3)
         if len(curves[stage]) <= 12:  # more do not fit
             axes.legend(fontsize=8, frameon=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import shlex
 import tempfile
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
@@ -15,14 +16,14 @@ from dmfc.errors import DmfcError
 from dmfc.report.curves import draw_curves
 from dmfc.report.failures import draw_failures
 from dmfc.report.figure import draw_rates
-from dmfc.report.formats import paper_text
+from dmfc.report.formats import paper_text, rate_text
 from dmfc.report.paired import compare
-from dmfc.report.rates import Rate, concatenate
-from dmfc.report.table import CellRows, SweepTable, TableRow
+from dmfc.report.rates import CONFIDENCE, Rate, concatenate
+from dmfc.report.table import NAMES, CellRows, SweepTable, TableRow
 from dmfc.report.trial_figure import draw_trials
 from dmfc.report.trials import trial_lines
 from dmfc.sweep.ledger import Ledger
-from dmfc.sweep.provenance import read_provenance
+from dmfc.sweep.provenance import VECTOR_FLAGS, read_provenance
 from dmfc.sweep.stage import differences
 from dmfc.sweep.state import read_state
 
@@ -30,6 +31,7 @@ PAGE = "table.html"
 MARKER = "tracked.json"
 """Where tracking says which run is which (written there, read here)."""
 UI = "http://127.0.0.1:5000"
+"""Where `dmfc ui` serves runs that are in no server of their own."""
 CHANGES = 6
 """Settings named per cell; of more only the number."""
 
@@ -52,6 +54,7 @@ def write_page(
         baseline_label=base.label,
         rows=[_row(row, base, table, cells, tracked) for row in table.rows],
         tracked=bool(tracked),
+        served=_server(tracked) == UI,
         has_paper=any(row.paper for row in table.rows),
         figures=figures,
         trials=_searched(table, list(dict.fromkeys(cell.seed for cell in cells)), tracked),
@@ -116,14 +119,18 @@ def _row(
 def _runs(cell: str, seeds: Sequence[int], tracked: Mapping[str, Any]) -> list[dict[str, str]]:
     """Links to a cell's runs in MLflow, those that are there."""
     known = tracked.get("runs", {})
+    runs = f"{_server(tracked)}/#/experiments/{tracked.get('experiment_id')}/runs"
     return [
-        {
-            "name": f"seed {seed}",
-            "url": f"{UI}/#/experiments/{tracked['experiment_id']}/runs/{known[name]}",
-        }
+        {"name": f"seed {seed}", "url": f"{runs}/{known[name]}"}
         for seed in seeds
         if (name := f"{cell}-seed{seed}") in known
     ]
+
+
+def _server(tracked: Mapping[str, Any]) -> str:
+    """Address of the pages of the runs."""
+    uri = str(tracked.get("uri", ""))
+    return uri.rstrip("/") if uri.startswith(("http://", "https://")) else UI
 
 
 def _searched(
@@ -162,18 +169,21 @@ def _rate(row: TableRow, name: str) -> dict[str, str]:
 
 def _paired(row: TableRow, base: TableRow, cells: Sequence[CellRows]) -> dict[str, str]:
     """The difference to the base row over the same trials; empty where there are no pairs."""
-    nothing = {"text": "", "interval": "", "p": "", "sign": ""}
+    nothing = {"text": "", "interval": "", "p": "", "scenes": "", "sign": ""}
     if row.name == base.name:
         return {**nothing, "text": "base"}
     try:
         found = compare(_trials(row.name, cells), _trials(base.name, cells))
     except DmfcError:
         return nothing
-    sign = "better" if found.low > 0 else "worse" if found.high < 0 else ""
+    sign = ""
+    if found.p_scenes < 1 - CONFIDENCE:  # of few scenes the bootstrap's interval is too narrow
+        sign = "better" if found.low > 0 else "worse" if found.high < 0 else ""
     return {
         "text": f"{found.difference:+.2f}",
         "interval": f"[{found.low:+.2f}, {found.high:+.2f}]",
         "p": f"{found.p_scenes:.2g}",
+        "scenes": f"{found.scenes} scenes",
         "sign": sign,
     }
 
@@ -188,8 +198,11 @@ def _objects(table: SweepTable) -> list[dict[str, Any]]:
 
     def cell(row: TableRow, name: str) -> dict[str, Any]:
         rate = row.objects[name].overall if name in row.objects else Rate(0, 0)
-        text = "" if rate.value is None else f"{rate.value:.2f} ({rate.trials})"
-        return {"value": rate.value, "text": text}
+        if rate.value is None:
+            return {"value": None, "text": "", "title": ""}
+        text = f"{rate.value:.2f} ({rate.trials})"
+        parts = [f"{kind} {rate_text(getattr(row.objects[name], kind))}" for kind in NAMES]
+        return {"value": rate.value, "text": text, "title": "; ".join(parts)}
 
     return [{"name": name, "cells": [cell(row, name) for row in table.rows]} for name in names]
 
@@ -208,7 +221,9 @@ def _reasons(table: SweepTable) -> list[dict[str, Any]]:
 
 def _call(call: Mapping[str, Any]) -> dict[str, Any]:
     started = datetime.fromtimestamp(call["started"], UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
-    return {"diff": None, **call, "started": started}
+    vector = (flag for flag in call["flags"].split() if flag.startswith(VECTOR_FLAGS))
+    told = {"line": shlex.join(["dmfc", *call["command"]]), "vector": " ".join(vector)}
+    return {"diff": None, **call, "started": started, **told}
 
 
 def _settings(sweep: Mapping[str, Any]) -> list[dict[str, Any]]:

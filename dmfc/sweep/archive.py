@@ -11,17 +11,24 @@ import json
 import shutil
 import tarfile
 import uuid
-from collections.abc import Iterable, Sequence
+import zlib
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from pyarrow.fs import FileType
+
 from dmfc.errors import DmfcError
+from dmfc.scenes.storage import located
 from dmfc.sweep.digest import RECORD, damage, folder_digests
 from dmfc.sweep.ledger import Ledger
 from dmfc.sweep.store import identity_key, verify
 
 MANIFEST = "manifest.json"
 VERSION = 1
+COPY_BYTES = 2**22
+"""Read and written at once on the way to a URL."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +38,62 @@ class Imported:
     stages: list[str]
     known: list[str]
     sweeps: list[str]
+
+
+@contextmanager
+def fetched(ledger: Ledger, place: str) -> Iterator[Path]:
+    """The archive at a path or URL as a local file, while the context lasts.
+
+    Raises DmfcError if it is not there or cannot be read.
+    """
+    if "://" not in place:
+        if not Path(place).is_file():
+            raise DmfcError(f"archive '{place}' does not exist")
+        yield Path(place)
+        return
+    with _temporary(ledger, place) as path:
+        _transfer(place, str(path))
+        yield path
+
+
+def export_to(
+    ledger: Ledger, addresses: Iterable[str], sweep_ids: Sequence[str], place: str
+) -> int:
+    """As `export`, to a path or a URL; a URL is written once the archive is whole."""
+    if "://" not in place:
+        return export(ledger, addresses, sweep_ids, Path(place))
+    try:
+        system, path = located(place)
+        taken = system.get_file_info(path).type != FileType.NotFound
+    except OSError as error:
+        raise DmfcError(f"{place} cannot be reached: {str(error).splitlines()[0]}") from error
+    if taken:
+        raise DmfcError(f"'{place}' is there already: remove it, or give another name")
+    with _temporary(ledger, place) as local:
+        count = export(ledger, addresses, sweep_ids, local)
+        _transfer(str(local), place)
+    return count
+
+
+@contextmanager
+def _temporary(ledger: Ledger, place: str) -> Iterator[Path]:
+    """A name for the archive in the store's work folder, removed at the end."""
+    ledger.prepare()
+    path = ledger.store / "work" / f"archive-{uuid.uuid4().hex[:8]}-{place.rpartition('/')[2]}"
+    try:
+        yield path
+    finally:
+        path.unlink(missing_ok=True)
+
+
+def _transfer(source: str, target: str) -> None:
+    try:
+        (system, path), (other, to) = located(source), located(target)
+        with system.open_input_stream(path) as given, other.open_output_stream(to) as taken:
+            shutil.copyfileobj(given, taken, COPY_BYTES)
+    except OSError as error:
+        line = str(error).splitlines()[0]
+        raise DmfcError(f"{source} was not copied to {target}: {line}") from error
 
 
 def export(
@@ -93,7 +156,9 @@ def take_in(ledger: Ledger, archive: Path) -> Imported:
             if not target.exists():
                 (staging / "sweeps" / name).rename(target)
         return Imported(added, known, sweeps)
-    except (OSError, tarfile.TarError, EOFError) as error:
+    except tarfile.ReadError as error:
+        raise DmfcError(f"'{archive}' is no tar archive, or a damaged one") from error
+    except (OSError, tarfile.TarError, EOFError, zlib.error) as error:
         raise DmfcError(f"'{archive}' was not taken in: {error}") from error
     finally:
         shutil.rmtree(staging, ignore_errors=True)
@@ -103,7 +168,7 @@ def _check(staging: Path, archive: Path) -> tuple[list[str], list[str]]:
     """Addresses of the stages and ids of the sweeps, after comparing every file and key."""
     try:
         manifest = json.loads((staging / MANIFEST).read_text())
-        stages, folders = manifest["stages"], manifest["folders"]
+        stages, folders = list(manifest["stages"]), dict(manifest["folders"])
         version = manifest["version"]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise DmfcError(f"'{archive}' is no archive of stages: no manifest ({error})") from error
@@ -111,15 +176,17 @@ def _check(staging: Path, archive: Path) -> tuple[list[str], list[str]]:
         raise DmfcError(f"'{archive}' has version {version}; this dmfc reads {VERSION}")
     for folder, digests in folders.items():
         parts = Path(folder).parts
-        if len(parts) != {"stages": 3, "sweeps": 2}.get(parts[0]) or ".." in parts:
+        if not parts or len(parts) != {"stages": 3, "sweeps": 2}.get(parts[0]) or ".." in parts:
             raise DmfcError(f"'{archive}': unexpected folder '{folder}'")
         recorded = dict(digests)
         own = recorded.pop(RECORD, None)
         wrong = list(damage(staging / folder, recorded))
-        if own is not None and own != _digests(staging / folder).get(RECORD):
+        if own != _digests(staging / folder).get(RECORD):
             wrong.append(f"{RECORD} has changed")
         if wrong:
             raise DmfcError(f"'{archive}' is damaged: {folder}: {wrong[0]}")
+    if {f"stages/{address}" for address in stages} != {f for f in folders if f[:7] == "stages/"}:
+        raise DmfcError(f"'{archive}': its manifest lists other stages than it has digests of")
     for address in stages:
         record = json.loads((staging / "stages" / address / RECORD).read_text())
         if f"{record['kind']}/{identity_key(record)}" != address:

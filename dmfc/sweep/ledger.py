@@ -9,6 +9,7 @@ finished too, with a `failure.json` in place of its outputs: users read it and g
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import uuid
 from collections.abc import Iterator
@@ -31,7 +32,7 @@ class Ledger:
     """Finished stages of one store. Cheap to make; holds nothing but the path."""
 
     def __init__(self, store: Path) -> None:
-        self.store = Path(store).expanduser().absolute()
+        self.store = _folder_of(store)
 
     def prepare(self) -> None:
         """Make the store's folders. Raises DmfcError where the store cannot be written."""
@@ -129,6 +130,21 @@ class Ledger:
     def _partial(self, address: str) -> Path:
         kind, key = address.split("/")
         return self.store / "stages" / kind / f".partial-{key}"
+
+
+def _folder_of(store: Path) -> Path:
+    """The store as an absolute path. Raises DmfcError on a URL of anything but files."""
+    text = str(store)  # as a path a URL has one slash: 's3:/bucket'
+    scheme = re.match(r"([A-Za-z][A-Za-z0-9+.-]+):/+", text)
+    if scheme is None:
+        return Path(store).expanduser().absolute()
+    if scheme[1].lower() == "file":
+        return Path("/" + text[scheme.end() :])
+    raise DmfcError(
+        f"a store at {scheme[1]}:// cannot be: stages are claimed by file locks and finished by a "
+        "rename, which object stores lack; give --store a folder that all machines see (`dmfc "
+        "store export` and `import` take URLs)"
+    )
 
 
 def read_record(folder: Path) -> dict[str, Any]:

@@ -20,6 +20,7 @@ NODE_DEATHS = ("LocalRayletDiedError", "NodeDiedError", "RaySystemError")
 """Errors of Ray after which the cluster of one node that we started is gone."""
 DRIVER_NODE_DEATHS = ("LocalRayletDiedError", "RaySystemError")
 """Errors of Ray after which this process must connect to its cluster anew."""
+START_TRIES = 3
 CAPACITY_SECONDS = 5.0
 """Time between two looks at how large the cluster is: nodes come and go."""
 
@@ -160,17 +161,17 @@ def usable_cpus(run: RunConfig) -> int:
 def start_ray(run: RunConfig) -> None:
     """Start Ray on this machine, or connect to the cluster at `run.ray_address`.
 
-    Tries twice: under high load Ray's own processes can miss the time that it gives them.
-    Raises DmfcError if that fails too.
+    Tries again: under high load Ray's own processes can miss the 30 s that it gives them.
+    Raises DmfcError if the last attempt fails too.
     """
     import ray
 
-    for last in (False, True):
+    for tries_left in reversed(range(START_TRIES)):
         try:
             return _init_ray(run)
         except Exception as error:  # Ray raises bare ones
             ray.shutdown()
-            if last:
+            if not tries_left:
                 raise DmfcError(_why_no_ray(run, error)) from error
 
 

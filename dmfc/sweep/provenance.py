@@ -15,6 +15,8 @@ from typing import Any
 from dmfc.sweep.context import write_json
 
 PROVENANCE = "provenance.json"
+VECTOR_FLAGS = ("avx", "amx", "sve")
+"""Beginnings of the processor's flags by which floating point results can differ."""
 DIFF_BYTES = 2**20
 """A longer diff of uncommitted changes is cut."""
 

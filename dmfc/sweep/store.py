@@ -48,6 +48,14 @@ def entries(ledger: Ledger, kind: str = "*") -> Iterator[Entry]:
         )
 
 
+def known_kind(ledger: Ledger, kind: str) -> str:
+    """`kind`, if the store has finished stages of it. Raises DmfcError naming the nearest."""
+    kinds = {address.partition("/")[0] for address in ledger.addresses()}
+    if kind not in kinds:
+        raise unknown_name("kind of stage", kind, kinds)
+    return kind
+
+
 def find(ledger: Ledger, text: str) -> str:
     """The one address that begins with `text`, with its kind or without.
 

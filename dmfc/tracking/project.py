@@ -21,7 +21,7 @@ from dmfc.report.page import MARKER
 from dmfc.report.table import NAMES, SweepTable
 from dmfc.sweep.context import write_json
 from dmfc.sweep.ledger import Ledger
-from dmfc.sweep.provenance import PROVENANCE, read_provenance
+from dmfc.sweep.provenance import PROVENANCE, VECTOR_FLAGS, read_provenance
 from dmfc.sweep.state import SweepState, read_state
 from dmfc.tracking.cell import ENDED, CellContent, Point, cell_content
 from dmfc.tracking.registry import register_best
@@ -178,7 +178,7 @@ def _provenance_tags(calls: list[dict[str, Any]]) -> dict[str, str]:
         "host": latest["host"],
         "processor": latest["processor"],
         "vector_flags": " ".join(
-            flag for flag in latest["flags"].split() if flag.startswith(("avx", "amx", "sve"))
+            flag for flag in latest["flags"].split() if flag.startswith(VECTOR_FLAGS)
         ),
         "versions": " ".join(f"{name} {version}" for name, version in versions.items()),
     }

@@ -18,7 +18,7 @@ from dmfc.sweep.ledger import Ledger
 from dmfc.tracking.store import artifact_root, database, tracking_uri
 
 HOST = "127.0.0.1"
-START_SECONDS = 120.0
+START_SECONDS = 300.0
 
 
 def free_port(wanted: int) -> int:

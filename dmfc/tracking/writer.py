@@ -6,6 +6,8 @@ remembers; what another process wrote it reads back first, so no step is ever wr
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
 import logging
 from collections.abc import Iterable, Mapping
@@ -14,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dmfc.tracking.cell import ENDED, CellContent, Point
-from dmfc.tracking.store import EXPERIMENT, artifact_location
+from dmfc.tracking.store import EXPERIMENT, artifact_location, require_answer
 
 if TYPE_CHECKING:
     from mlflow.tracking import MlflowClient
@@ -57,6 +59,7 @@ class Writer:
     def __init__(self, uri: str) -> None:
         from mlflow.tracking import MlflowClient
 
+        require_answer(uri)
         # After the import, which sets its own level: making tables is no news to the user.
         for name in ("mlflow", "alembic"):
             logging.getLogger(name).setLevel(logging.WARNING)
@@ -170,7 +173,9 @@ class Writer:
                 if content.status not in ENDED:  # at the end the last version of a file counts
                     known.files.add(item)
         if content.status in ENDED:
-            self.client.set_terminated(run_id, content.status, content.end_ms)
+            # It prints links for a person where the answer for a machine belongs.
+            with contextlib.redirect_stdout(io.StringIO()):
+                self.client.set_terminated(run_id, content.status, content.end_ms)
         elif known.status != content.status:
             self.client.update_run(run_id, content.status)
         known.status = content.status

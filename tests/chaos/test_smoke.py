@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
-import random
 import signal
 import subprocess
 import sys
@@ -14,8 +14,10 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from dmfc.sweep.context import read_attempt
 from dmfc.sweep.ledger import Ledger
 from dmfc.sweep.state import read_state
+from dmfc.tracking.ui import free_port
 from tests.sweep.test_chaos import one_finished_run_per_cell, rows
 from tests.sweep.two_nodes import TwoNodes
 
@@ -32,17 +34,18 @@ def here(monkeypatch):
     monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}:{os.environ['PATH']}")
 
 
-def workers() -> list[int]:
-    """Processes of Ray that work on a stage."""
-    found = []
-    for path in Path("/proc").glob("[0-9]*/cmdline"):
-        try:
-            name = path.read_bytes()
-        except OSError:
-            continue
-        if name.startswith(tuple(f"ray::{k}".encode() for k in ("pretrain", "finetune", "eval"))):
-            found.append(int(path.parent.name))
-    return found
+def kill_a_learner(ledger: Ledger, driver: subprocess.Popen) -> None:
+    """SIGKILL the process of a stage of this store that trains, as its attempt names it."""
+
+    def killed() -> bool:
+        for kind in ("pretrain", "finetune"):
+            for work in (ledger.store / "work").glob(f"{kind}-*"):
+                with contextlib.suppress(OSError, KeyError):  # it ends, or begins just now
+                    os.kill(read_attempt(work)["pid"], signal.SIGKILL)
+                    return True
+        return False
+
+    until(killed, driver)
 
 
 def until(condition, driver) -> None:
@@ -54,7 +57,6 @@ def until(condition, driver) -> None:
 
 
 def test_a_smoke_sweep_survives_everything(tmp_path, shadow_hand_dir):
-    chance = random.Random(0)
     ledger, calm = Ledger(tmp_path / "store"), Ledger(tmp_path / "calm")
     with TwoNodes() as nodes:
         settings = [f"run.ray_address={nodes.address}", "run.tracking_seconds=2", "run.retries=3"]
@@ -65,8 +67,7 @@ def test_a_smoke_sweep_survives_everything(tmp_path, shadow_hand_dir):
             return subprocess.Popen(call, stdout=subprocess.DEVNULL)
 
         first = drive()
-        until(workers, first)
-        os.kill(chance.choice(workers()), signal.SIGKILL)
+        kill_a_learner(ledger, first)
         until(lambda: list(ledger.addresses("pretrain")), first)
         nodes.kill_worker_node()
         until(lambda: list(ledger.addresses("evaluate")), first)
@@ -90,24 +91,34 @@ def test_a_ray_job_runs_on_a_cluster_of_two_nodes(tmp_path, shadow_hand_dir, mon
     """jobs/ray_job.sh as a user calls it; two `ray start` are the cluster, with a token."""
     monkeypatch.setenv("RAY_AUTH_MODE", "token")
     monkeypatch.setenv("RAY_AUTH_TOKEN", "0123456789abcdef" * 2)
-    port, dashboard = 26379, 28265
+    # Ray's own choice of ports is fixed; another Ray may have them here.
+    port, dashboard, client, *agents = (free_port(0) for _ in range(5))
     common = ["--num-cpus=1", "--object-store-memory=100000000", "--block"]
     head = ["--head", f"--port={port}", f"--dashboard-port={dashboard}", "--include-dashboard=true"]
-    nodes = [subprocess.Popen(["ray", "start", *head, *common], stdout=subprocess.DEVNULL)]
+    head.append(f"--ray-client-server-port={client}")
+    address, jobs = f"127.0.0.1:{port}", f"http://127.0.0.1:{dashboard}"
+    starts = [
+        ["ray", "start", *given, f"--dashboard-agent-listen-port={agent}", *common]
+        for given, agent in zip((head, [f"--address={address}"]), agents, strict=True)
+    ]
+    count = "import ray; ray.init(); assert sum(node['Alive'] for node in ray.nodes()) == 2"
+    probe = ["ray", "job", "submit", "--address", jobs, "--", "python", "-c", count]
+    nodes = [subprocess.Popen(starts[0], stdout=subprocess.DEVNULL)]
     try:
-        address = f"127.0.0.1:{port}"
-        takes_jobs = ["ray", "job", "submit", "--address", f"http://127.0.0.1:{dashboard}", "--"]
-        end = time.monotonic() + 300
-        while subprocess.run([*takes_jobs, "true"], capture_output=True, check=False).returncode:
+        end = time.monotonic() + PATIENCE
+        while subprocess.run(probe, capture_output=True, check=False).returncode:
             assert time.monotonic() < end
+            for place, start in enumerate(starts):
+                if len(nodes) == place:
+                    nodes.append(subprocess.Popen(start, stdout=subprocess.DEVNULL))
+                elif nodes[place].poll() is not None:  # Ray gives a node 30 s to start
+                    nodes[place] = subprocess.Popen(start, stdout=subprocess.DEVNULL)
             time.sleep(1)
-        node = ["ray", "start", f"--address={address}", *common]
-        nodes.append(subprocess.Popen(node, stdout=subprocess.DEVNULL))
         done = subprocess.run(
             [ROOT / "jobs" / "ray_job.sh", "table2", "--preset", "smoke"],
             env={
                 **os.environ,
-                "RAY_ADDRESS": f"http://127.0.0.1:{dashboard}",
+                "RAY_ADDRESS": jobs,
                 "STORE": str(tmp_path),
             },
             capture_output=True,

@@ -79,7 +79,7 @@ def shims(folder: Path, log: Path) -> dict[str, str]:
     started = f'[ "$(grep -ac -e --block {log})" -ge 3 ]'
     bodies = {
         "srun": 'for w in "$@"; do case "$w" in hostname) echo 10.0.0.1 ;; '
-        f"dmfc) for _ in {{1..600}}; do {started} && exit; sleep 0.05; done; exit 1 ;; esac; done",
+        f"dmfc) for _ in {{1..6000}}; do {started} && exit; sleep 0.05; done; exit 1 ;; esac; done",
         "scontrol": 'printf "n1\\nn2\\nn3\\n"',
         "ray": "exit 0",
     }

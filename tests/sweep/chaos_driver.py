@@ -19,7 +19,7 @@ def main(store: str, sweep: str, address: str) -> None:
     """Run the sweep to its end, or until something kills this process."""
     kinds.KINDS.update(CHAOS)  # type: ignore[attr-defined]
     settings = [
-        f"run.ray_address={address}", "run.retries=3", "run.tracking_seconds=0.5",
+        f"run.ray_address={address}", "run.retries=10", "run.tracking_seconds=0.5",
         "run.system_seconds=0.2",
     ]  # fmt: skip
     plan = plan_sweep(load_sweep(sweep), GraphBuilder(fake_refs, CHAOS), "smoke", settings)

@@ -1,19 +1,28 @@
-"""The stages of `fake_science`, slow enough to be killed; each commit leaves a line in a log."""
+"""`fake_science`, held where a test wants to kill; each commit leaves a line in a log.
+
+A stage waits while the store has a file `hold-<kind>`. So what is killed is at work for certain,
+however busy the machine is, and the sweep cannot come to its end before.
+"""
 
 import dataclasses
 import json
 import os
 import time
 
-from dmfc.sweep.ledger import Ledger
-from tests.sweep.fake_science import FAKES, evaluate, fake_refs, grasps, hand, object, scenes
+import ray
 
-__all__ = ["CHAOS", "evaluate", "fake_refs", "grasps", "hand", "object", "scenes"]
+from dmfc.sweep.context import write_json
+from dmfc.sweep.ledger import Ledger
+from tests.sweep import fake_science
+from tests.sweep.fake_science import FAKES, fake_refs, grasps, hand, object, scenes
+from tests.sweep.two_nodes import HELD
+
+__all__ = ["CHAOS", "fake_refs", "grasps", "hand", "object", "scenes"]
 CHAOS = {
     name: dataclasses.replace(kind, entry=f"tests.sweep.chaos_science:{name}")
     for name, kind in FAKES.items()
 }
-EPOCHS, SECONDS = 3, 0.25
+EPOCHS = 3
 _commit = Ledger.commit
 
 
@@ -35,18 +44,30 @@ def finetune(ctx):
     _learn(ctx, "finetune")
 
 
+def evaluate(ctx):
+    _hold(ctx)
+    fake_science.evaluate(ctx)
+
+
 def _learn(ctx, stage):
     """Epochs that a later attempt does not repeat, as training does from its checkpoint."""
     path = ctx.work / "metrics.jsonl"
     lines = path.read_text().splitlines() if path.exists() else []
-    (ctx.work / "pid").write_text(str(os.getpid()))
     for epoch in range(len(lines), EPOCHS):
-        time.sleep(SECONDS)
         line = {"stage": stage, "epoch": epoch, "split": "train", "loss": 1.0 / (epoch + 1)}
-        lines.append(json.dumps({**line, "time": round(time.time(), 3)}))
+        lines.append(json.dumps({**line, "time": round(time.time(), 3), "by": str(os.getpid())}))
         part = path.with_suffix(".part")
         part.write_text("".join(f"{text}\n" for text in lines))
         part.replace(path)
         ctx.progress((epoch + 1) / EPOCHS, f"epoch {epoch + 1}")
+        _hold(ctx)
     (ctx.out / "metrics.jsonl").write_text(path.read_text())
     (ctx.out / "weights").touch()
+
+
+def _hold(ctx):
+    """Say which process waits on which node, and wait."""
+    node = ray.get_runtime_context().get_node_id()
+    write_json(ctx.work / HELD, {"pid": os.getpid(), "node": node})
+    while (ctx.work.parents[1] / f"hold-{ctx.kind}").exists():
+        time.sleep(0.05)

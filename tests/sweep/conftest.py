@@ -6,6 +6,7 @@ import pytest
 
 from dmfc.config.schema import Config
 from dmfc.sweep.ledger import Ledger
+from tests.sweep.two_nodes import patiently
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -17,13 +18,16 @@ def ray_cluster():
     with pytest.MonkeyPatch.context() as patch:
         # Ray's workers import the trivial stages as the tests do.
         patch.setenv("PYTHONPATH", str(ROOT))
-        ray.init(
-            address="local",
-            num_cpus=2,
-            include_dashboard=False,
-            log_to_driver=False,
-            logging_level="ERROR",
-            object_store_memory=100 * 2**20,
+        patiently(
+            lambda: ray.init(
+                address="local",
+                num_cpus=2,
+                include_dashboard=False,
+                log_to_driver=False,
+                logging_level="ERROR",
+                object_store_memory=100 * 2**20,
+            ),
+            ray.shutdown,
         )
         yield
         ray.shutdown()

@@ -3,6 +3,7 @@
 import dataclasses
 import hashlib
 import json
+from pathlib import Path
 
 import pytest
 
@@ -134,6 +135,19 @@ def test_a_store_that_cannot_be_written_is_one_line(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(DmfcError, match="cannot write to the store"):
         Ledger(tmp_path / "file" / "store").prepare()
+
+
+@pytest.mark.parametrize("url", ["s3://bucket/store", "gs://bucket/store", "hdfs://host/store"])
+def test_a_store_at_a_url_is_refused_on_one_line(url):
+    for given in (url, Path(url)):
+        with pytest.raises(DmfcError, match=r"cannot be.*--store") as caught:
+            Ledger(given)
+        assert "\n" not in str(caught.value)
+
+
+def test_a_store_at_a_file_url_is_its_folder(tmp_path):
+    for given in (f"file://{tmp_path}/s", Path(f"file://{tmp_path}/s"), tmp_path / "s"):
+        assert Ledger(given).store == tmp_path / "s"
 
 
 def test_records_are_plain_json(ledger):

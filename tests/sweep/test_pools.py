@@ -1,10 +1,10 @@
-"""Ray that does not start: tried again once, then said on one line."""
+"""Ray that does not start: tried again, then said on one line."""
 
 import pytest
 
 from dmfc.config.sweep import RunConfig
 from dmfc.errors import DmfcError
-from dmfc.sweep.pools import start_ray
+from dmfc.sweep.pools import START_TRIES, start_ray
 
 
 @pytest.fixture
@@ -27,21 +27,22 @@ def starts(monkeypatch):
     return fail
 
 
-def test_a_second_attempt_is_made(starts):
-    attempts = starts(1)
+@pytest.mark.parametrize("failures", [1, START_TRIES - 1])
+def test_another_attempt_is_made(starts, failures):
+    attempts = starts(failures)
     start_ray(RunConfig(cpus=1))
-    assert [options["num_cpus"] for options in attempts] == [1, 1]
+    assert [options["num_cpus"] for options in attempts] == [1] * (failures + 1)
 
 
 @pytest.mark.parametrize(
     ("address", "part"),
     [("", "Ray did not start on this machine"), ("10.0.0.1:6379", "no Ray cluster answers")],
 )
-def test_two_failures_are_one_line_that_names_the_setting(starts, address, part):
-    attempts = starts(2)
+def test_no_ray_is_one_line_that_names_the_setting(starts, address, part):
+    attempts = starts(START_TRIES)
     with pytest.raises(DmfcError, match=r"run\.ray_address") as caught:
         start_ray(RunConfig(ray_address=address))
-    assert len(attempts) == 2
+    assert len(attempts) == START_TRIES
     assert part in str(caught.value)
     assert "timed out during startup" in str(caught.value)
     assert "\n" not in str(caught.value)

@@ -7,7 +7,7 @@ import tarfile
 import pytest
 
 from dmfc.errors import DmfcError
-from dmfc.sweep.archive import export, take_in
+from dmfc.sweep.archive import export, export_to, fetched, take_in
 from dmfc.sweep.engine import run_stages
 from dmfc.sweep.graph import GraphBuilder
 from dmfc.sweep.ledger import Ledger
@@ -90,6 +90,23 @@ def test_an_archive_carries_a_sweep_to_another_store(swept, ledger, tmp_path, na
         export(ledger, addresses, [], archive)
 
 
+@pytest.mark.parametrize("scheme", ["file", "memory"])
+def test_an_archive_may_lie_at_a_url(swept, ledger, tmp_path, scheme):
+    place, other = f"{scheme}://{tmp_path}/a.tar.gz", Ledger(tmp_path / "other")
+    addresses = referred(ledger, [swept.id])
+    assert export_to(ledger, addresses, [swept.id], place) == len(addresses)
+    with fetched(other, place) as local:
+        assert set(take_in(other, local).stages) == addresses
+    assert list((other.store / "work").iterdir()) == []
+    with pytest.raises(DmfcError, match="is there already"):
+        export_to(ledger, addresses, [], place)
+    missing = place.replace("a.tar", "b.tar")
+    with pytest.raises(DmfcError, match="was not copied"), fetched(other, missing):
+        pass
+    with pytest.raises(DmfcError, match="nothing here opens"):
+        export_to(ledger, addresses, [], "nowhere://a.tar")
+
+
 def rewrite(archive, changes):
     """The archive with the content of some members replaced, or members added."""
     with tarfile.open(archive) as tar:
@@ -107,12 +124,14 @@ def test_a_damaged_or_hostile_archive_adds_nothing(swept, ledger, tmp_path):
     export(ledger, [address], [], whole)
     record = json.loads((ledger.folder(address) / "stage.json").read_text())
     manifest = {"version": 1, "stages": [], "folders": {"stages/../../x": {}}}
+    other_stage = {"version": 1, "stages": ["../x/y"], "folders": {}}
     for changes, part in [
         ({f"stages/{address}/sum.json": b"7"}, "sum.json has changed"),
         ({f"stages/{address}/extra": b""}, "does not belong there"),
         ({f"stages/{address}/stage.json": json.dumps(record).encode()}, "has changed"),
         ({"manifest.json": b"{}"}, "no manifest"),
         ({"manifest.json": json.dumps(manifest).encode()}, "unexpected folder"),
+        ({"manifest.json": json.dumps(other_stage).encode()}, "lists other stages"),
         ({"../../evil": b"x"}, "was not taken in"),
     ]:
         archive = tmp_path / "bad.tar"
@@ -123,8 +142,27 @@ def test_a_damaged_or_hostile_archive_adds_nothing(swept, ledger, tmp_path):
     archive.write_bytes(whole.read_bytes()[:700])
     with pytest.raises(DmfcError):
         take_in(other, archive)
+    archive.write_text("no archive")
+    with pytest.raises(DmfcError, match="is no tar archive"):
+        take_in(other, archive)
     assert list(other.addresses()) == []
     assert not (tmp_path / "evil").exists()
+
+
+@pytest.mark.parametrize("name", ["a.tar", "a.tar.gz"])
+def test_no_flipped_byte_is_taken_in(swept, ledger, tmp_path, name):
+    """Wherever it is: refused on one line, or in a place that holds nothing (padding, times)."""
+    archive = tmp_path / name
+    export(ledger, [trivial("add", "x").address], [], archive)
+    whole = archive.read_bytes()
+    for place in range(0, len(whole), max(1, len(whole) // 60)):
+        archive.write_bytes(whole[:place] + bytes([whole[place] ^ 0x5A]) + whole[place + 1 :])
+        other = Ledger(tmp_path / f"other-{place}")
+        try:
+            take_in(other, archive)
+        except DmfcError:
+            assert list(other.addresses()) == []
+        assert not any(wrong for _, wrong in verify(other, other.addresses()))
 
 
 def test_a_forged_record_is_refused(ledger, tmp_path):

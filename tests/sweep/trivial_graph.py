@@ -6,7 +6,7 @@ from dmfc.sweep.stage import Stage
 TRIVIAL = registry(
     *(
         StageKind(name, f"tests.sweep.trivial_stages:{name}", version=1)
-        for name in ("add", "slow", "fail", "die", "die_once", "seen")
+        for name in ("add", "slow", "gated", "fail", "die", "die_once", "seen")
     ),
     StageKind("threads", "tests.sweep.trivial_stages:threads", version=1, cpus=lambda config: 2),
 )

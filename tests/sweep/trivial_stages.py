@@ -28,6 +28,14 @@ def slow(ctx):
     add(ctx)
 
 
+def gated(ctx):
+    """As `add`, once a test has made the file `gate`; says so before."""
+    ctx.progress(0.5, "waits at the gate")
+    while not Path(ctx.config["gate"]).exists():
+        time.sleep(0.02)
+    add(ctx)
+
+
 def fail(ctx):
     """Leave half an output, then raise."""
     (ctx.out / "sum.json").write_text("1")

@@ -2,7 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 from ray.cluster_utils import Cluster
+
+TRIES = 6
+HELD = "held.json"
+"""Where a stage that a test holds says its process and its node."""
+
+
+def patiently(start: Callable[[], Any], clean: Callable[[], object] = lambda: None) -> Any:
+    """What `start` gives. Ray gives a node 30 s to start, which a busy machine may not keep."""
+    for tries_left in reversed(range(TRIES)):
+        try:
+            return start()
+        except Exception:  # Ray raises bare ones
+            clean()
+            if not tries_left:
+                raise
+    raise AssertionError
 
 
 class TwoNodes:
@@ -14,8 +33,8 @@ class TwoNodes:
             "object_store_memory": 100 * 2**20,
             "include_dashboard": False,
         }
-        self._cluster = Cluster(initialize_head=True, head_node_args=settings)
-        self._worker = self._cluster.add_node(**settings)
+        self._cluster = patiently(lambda: Cluster(initialize_head=True, head_node_args=settings))
+        self._worker = patiently(lambda: self._cluster.add_node(**settings))
 
     def __enter__(self) -> TwoNodes:
         return self
@@ -26,6 +45,11 @@ class TwoNodes:
     @property
     def address(self) -> str:
         return self._cluster.address
+
+    @property
+    def worker_id(self) -> str:
+        """Ray's id of the node that can be killed."""
+        return self._worker.node_id
 
     def kill_worker_node(self) -> None:
         """SIGKILL its raylet; the workers on it die with it."""

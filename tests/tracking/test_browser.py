@@ -16,7 +16,7 @@ import pytest
 from dmfc.tracking.project import project_sweep
 
 ROOT = Path(__file__).resolve().parents[2]
-PATIENCE = 120
+PATIENCE = 600
 
 
 @pytest.fixture
@@ -58,7 +58,7 @@ def pages(finished):
     watchdog.cancel()
     yield re.findall(r"http://127\.0\.0\.1:\d+\S*", "".join(printed))
     server.send_signal(signal.SIGINT)
-    assert server.wait(30) == 0
+    assert server.wait(PATIENCE) == 0
 
 
 @pytest.mark.full

@@ -1,5 +1,6 @@
 """The page of a sweep: what it says is what the table says, and it needs nothing else."""
 
+import json
 import re
 from html.parser import HTMLParser
 
@@ -46,7 +47,10 @@ def table(page, name):
 
 
 def test_it_is_one_file(page):
-    assert not re.findall(r'(?:src|href)="(?!data:|http://127)[^"]*"', page)
+    assert not re.findall(r'(?:src|href)="(?!data:|http://127|#)[^"]*"', page)
+    anchors = re.findall(r'href="#(\w+)"', page)
+    assert len(anchors) == 5
+    assert all(page.count(f'id="{name}"') == 1 for name in anchors)
     assert "<script" not in page
     assert page.count("data:image/png;base64,") == 3
 
@@ -57,10 +61,26 @@ def test_rates_and_pairs_are_those_of_the_rows(page, finished):
     assert rates.loc["all", "overall ± s.e."].startswith(f"{row.rates.overall.value:.2f} ± ")
     cells = {cell.name: cell.rows.assign(seed=0) for cell in finished.cells}
     found = compare(cells["random"], cells["pretrained"])
-    assert rates.loc["pretrained", "overall against base"] == "base"
-    told = rates.loc["random (floor)", "overall against base"]
+    assert rates.loc["pretrained", "overall − base same scenes"] == "base"
+    told = rates.loc["random (floor)", "overall − base same scenes"]
     assert told == f"{found.difference:+.2f} [{found.low:+.2f}, {found.high:+.2f}]"
-    assert float(rates.loc["random (floor)", "p"]) == pytest.approx(found.p_scenes, rel=0.1)
+    p, scenes, _ = rates.loc["random (floor)", "p"].split()
+    assert float(p) == pytest.approx(found.p_scenes, rel=0.1)
+    assert int(scenes) == found.scenes
+
+
+def test_links_lead_to_the_server_that_has_the_runs(finished):
+    given = (finished.ledger, finished.description, finished.table, finished.cells, [])
+    runs = {f"{cell['name']}-seed0": "abc" for cell in finished.description["cells"]}
+    told = {"experiment_id": "1", "runs": runs}
+    for uri, address, hint in [
+        ("sqlite:///x.db", "http://127.0.0.1:5000", True),
+        ("https://mlflow.lab/", "https://mlflow.lab", False),
+    ]:
+        (finished.folder / "tracked.json").write_text(json.dumps({**told, "uri": uri}))
+        text = write_page(*given).read_text()
+        assert text.count(f'href="{address}/#/experiments/1/runs/abc"') == len(runs)
+        assert ("dmfc ui" in text) == hint
 
 
 def test_failures_reasons_objects_and_origin_are_told(page, finished):

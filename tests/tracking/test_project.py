@@ -13,6 +13,7 @@ from dmfc.errors import DmfcError
 from dmfc.sweep.context import tell_attempt, write_json
 from dmfc.sweep.state import driving, read_state, write_state
 from dmfc.tracking.project import project_stale, project_sweep, rebuild
+from dmfc.tracking.ui import serve
 from dmfc.tracking.writer import TAG_CELL, TAG_DIGEST, TAG_PARENT
 from tests.sweep import fake_science
 
@@ -41,6 +42,14 @@ def snapshot(client, experiment):
             dict(run.data.params), dict(run.data.tags), history, files,
         )  # fmt: skip
     return seen
+
+
+def comparable(at):
+    """The same without ids, which each database gives anew."""
+    return {
+        name: [*seen[1:5], {k: v for k, v in seen[5].items() if k != TAG_PARENT}, *seen[6:]]
+        for name, seen in snapshot(MlflowClient(at.uri), at.experiment_id).items()
+    }
 
 
 def test_a_sweep_becomes_a_parent_and_its_children(finished):
@@ -171,13 +180,21 @@ def test_a_rebuilt_database_has_equal_content(finished, tmp_path):
     shutil.copy(finished.empty, tmp_path / "new" / "mlflow.db")
     (again,) = rebuild(finished.ledger, [finished.id], uri)
 
-    def comparable(at):
-        return {
-            name: [*seen[1:5], {k: v for k, v in seen[5].items() if k != TAG_PARENT}, *seen[6:]]
-            for name, seen in snapshot(MlflowClient(at.uri), at.experiment_id).items()
-        }
-
     assert comparable(again) == comparable(tracked)
+
+
+@pytest.mark.full
+def test_a_server_by_its_uri_has_equal_content(finished, tmp_path, capsys):
+    tracked = project_sweep(finished.ledger, finished.id)
+    (tmp_path / "server").mkdir()
+    shutil.copy(finished.empty, tmp_path / "server" / "mlflow.db")
+    with serve(finished.ledger, 0, f"sqlite:///{tmp_path / 'server' / 'mlflow.db'}") as address:
+        again = project_sweep(finished.ledger, finished.id, address)
+        assert again.uri == address
+        assert comparable(again) == comparable(tracked)
+    assert capsys.readouterr().out == ""
+    with pytest.raises(DmfcError, match="no MLflow server answers"):
+        rebuild(finished.ledger, [finished.id], address)
 
 
 def test_data_code_and_machine_are_told(finished):
