@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 from PIL import Image, ImageDraw
 
+from dmfc.errors import DmfcError
 from dmfc.physics.world import World
 
 
@@ -13,6 +14,7 @@ class Camera:
     """Renders a world that was built with `visual=True`; needs GL (EGL or OSMesa where headless).
 
     Which GL is used is decided by the environment variable MUJOCO_GL before mujoco is imported.
+    Raises DmfcError where that one does not work.
     """
 
     def __init__(
@@ -31,7 +33,13 @@ class Camera:
         model = world.model
         model.vis.global_.offwidth = max(width, model.vis.global_.offwidth)
         model.vis.global_.offheight = max(height, model.vis.global_.offheight)
-        self._renderer = mujoco.Renderer(model, height, width)
+        try:
+            self._renderer = mujoco.Renderer(model, height, width)
+        except mujoco.FatalError as error:
+            raise DmfcError(
+                "no OpenGL for pictures: set the environment variable MUJOCO_GL to egl or osmesa "
+                "where there is no display"
+            ) from error
         self._camera = mujoco.MjvCamera()
         self._camera.lookat[:] = look_at
         self._camera.distance = distance

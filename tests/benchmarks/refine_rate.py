@@ -69,10 +69,14 @@ class Result:
 
 
 def planned(
-    model: ObjectModel, hand: HandModel, description: HandDescription, refine: RefineConfig
+    model: ObjectModel,
+    hand: HandModel,
+    description: HandDescription,
+    refine: RefineConfig,
+    wanted: int = CONFIG.per_object,
 ) -> Result:
     """One variant on one object."""
-    config = dataclasses.replace(CONFIG, refine=refine)
+    config = dataclasses.replace(CONFIG, per_object=wanted, refine=refine)
     started = time.process_time()
     found = plan(model, hand, description, config, PhysicsConfig(), Q1Config())
     seconds = time.process_time() - started
@@ -91,7 +95,7 @@ def main(selectors: list[str]) -> None:
     for number, source in enumerate(list_objects(selectors or OBJECTS)):
         model = prepare(source, PREPARED)
         if number == 0:  # compiles the loops
-            planned(model, hand, description, RefineConfig(steps=2))
+            planned(model, hand, description, RefineConfig(steps=2), wanted=1)
         for name, refine in VARIANTS.items():
             result = planned(model, hand, description, refine)
             totals[name].add(result)
