@@ -119,6 +119,36 @@ def require(outcomes: Mapping[str, Any], stages: Sequence[Stage]) -> None:
             raise DmfcError(f"{stage.kind} {stage.name}: {outcome.reason}")
 
 
+def failures(outcomes: Outcomes, stages: Sequence[Stage]) -> dict[str, str]:
+    """Why those of the stages that are not there failed, by their names."""
+    found = {stage.name: outcomes[stage.address] for stage in stages}
+    return {name: outcome.reason for name, outcome in found.items() if not outcome.ok}
+
+
+def with_failures(
+    names: Sequence[str],
+    rows: Mapping[str, Mapping[str, Any]],
+    failed: Mapping[str, str],
+    columns: Sequence[str] = ("object",),
+) -> list[dict[str, Any]]:
+    """A row per object: what is known of it, or nothing (None) and the reason of its failure.
+
+    `columns`: the first ones, which are there even if every object failed.
+    """
+    empty = dict.fromkeys([*columns, *(column for row in rows.values() for column in row)])
+    return [
+        {**empty, "object": name, **rows.get(name, {}), "failure": failed.get(name)}
+        for name in names
+    ]
+
+
+def end_if_failed(failed: Mapping[str, str], of: int) -> None:
+    """End the program with status 1, after saying so, if any of so many objects failed."""
+    if failed:
+        stderr().print(f"{len(failed)} of {of} objects failed, see the column failure")
+        raise typer.Exit(1)
+
+
 def stderr() -> Console:
     """The console for people; standard output is for answers."""
     from rich.console import Console

@@ -17,8 +17,11 @@ from dmfc.cli_common import (
     Preset,
     Session,
     Store,
-    require,
+    end_if_failed,
+    failures,
     show_rows,
+    stderr,
+    with_failures,
 )
 from dmfc.errors import DmfcError
 from dmfc.grasps.library import file_name
@@ -115,27 +118,33 @@ def objects_prepare(
     store: Store = STORE,
     as_json: AsJson = False,
 ) -> None:
-    """Repair meshes, and compute distance grids, convex parts, masses and stable poses."""
+    """Repair meshes, and compute distance grids, convex parts, masses and stable poses.
+
+    An object that cannot be prepared is a row with its reason; the others are prepared all the
+    same. Ends with status 1 if any failed.
+    """
     from dmfc.objects.model import ObjectModel
 
     session = Session.open(preset, overrides, store)
     stages = object_stages(session, selectors)
-    require(session.make(stages), stages)
-    rows = []
+    failed = failures(session.make(stages), stages)
+    rows = {}
     for stage in stages:
+        if stage.name in failed:
+            continue
         model = ObjectModel.load(session.ledger.folder(stage.address) / "object.npz")
-        rows.append(
-            {
-                "object": model.id,
-                "faces": len(model.faces),
-                "watertight": bool(model.watertight),
-                "mass_kg": float(model.mass),
-                "convex_parts": len(model.convex_parts),
-                "stable_poses": len(model.stable_rotations),
-                "notes": "; ".join(model.notes),
-            }
-        )
-    show_rows("prepared objects", rows, as_json)
+        rows[stage.name] = {
+            "object": model.id,
+            "faces": len(model.faces),
+            "watertight": bool(model.watertight),
+            "mass_kg": float(model.mass),
+            "convex_parts": len(model.convex_parts),
+            "stable_poses": len(model.stable_rotations),
+            "notes": "; ".join(model.notes),
+        }
+    names = [stage.name for stage in stages]
+    show_rows("prepared objects", with_failures(names, rows, failed), as_json)
+    end_if_failed(failed, len(stages))
 
 
 @grasps.command("plan")
@@ -149,15 +158,26 @@ def grasps_plan(
         Path | None, typer.Option(help="Also copy the grasp sets into this library folder.")
     ] = None,
 ) -> None:
-    """Plan grasps for objects and check each in simulation."""
-    session = Session.open(preset, overrides, store)
-    stages = grasp_stages(session, selectors)
-    require(session.make(stages), stages)
-    if out is not None:
-        _copy_to_library(session, stages, out)
+    """Plan grasps for objects and check each in simulation.
+
+    An object that cannot be prepared or planned is a row with its reason; the others are planned,
+    printed and copied all the same. Ends with status 1 if any failed, or if none has a grasp.
+    """
     from dmfc.cli_grasp_stats import load_sets, set_rows
 
-    show_rows("grasps", set_rows(session, load_sets(session, stages)), as_json)
+    session = Session.open(preset, overrides, store)
+    stages = grasp_stages(session, selectors)
+    failed = failures(session.make(stages), stages)
+    planned = [stage for stage in stages if stage.name not in failed]
+    if out is not None:
+        _copy_to_library(session, planned, out)
+    sets = load_sets(session, planned)
+    names = [stage.name for stage in stages]
+    show_rows("grasps", set_rows(session, names, sets, failed), as_json)
+    end_if_failed(failed, len(stages))
+    if not any(len(found) for found in sets):
+        stderr().print("no object has a grasp (settings grasps.max_checks, grasps.max_batches)")
+        raise typer.Exit(1)
 
 
 def _copy_to_library(session: Session, stages: Sequence[Stage], folder: Path) -> None:

@@ -7,13 +7,15 @@ import dataclasses
 from typing import Any
 
 
-def setting(default: Any, help: str, *, resource: bool = False) -> Any:
+def setting(default: Any, help: str, *, resource: bool = False, later: bool = False) -> Any:
     """A dataclass field with `default` (copied if mutable) and a sentence of help.
 
     A `resource` setting says how something is computed, never what comes out (threads, devices):
-    it never enters a stage's key.
+    it never enters a stage's key. One that came `later` enters it only where it is not at its
+    default, which must mean what was done before there was such a setting: old stages keep their
+    keys.
     """
-    metadata = {"help": help, "resource": resource}
+    metadata = {"help": help, "resource": resource, "later": later}
     if isinstance(default, type):
         return dataclasses.field(default_factory=default, metadata=metadata)
     if isinstance(default, list | dict):
@@ -29,3 +31,12 @@ def help_of(cls: type) -> dict[str, str]:
 def is_resource(field: dataclasses.Field) -> bool:
     """Whether `field` is a resource setting (see `setting`)."""
     return bool(field.metadata.get("resource", False))
+
+
+def enters_key(field: dataclasses.Field, value: Any) -> bool:
+    """Whether a stage's key depends on `field` where it has this value (see `setting`)."""
+    if is_resource(field):
+        return False
+    made = field.default_factory
+    default = field.default if made is dataclasses.MISSING else made()
+    return not (field.metadata.get("later", False) and value == default)

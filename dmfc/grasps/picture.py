@@ -50,7 +50,7 @@ def _row(
     shown = farthest_points(grasps.position, min(columns, len(grasps))) if len(grasps) else [None]
     frames: list[np.ndarray] = []
     labels: list[str] = []
-    with Camera(world, size, size, look_at=(0.0, 0.0, 0.0), distance=0.42) as camera:
+    with Camera(world, size, size, look_at=(0.0, 0.0, 0.0), distance=0.55) as camera:
         for grasp in shown:
             T = T_world_object.copy()
             if grasp is not None:

@@ -11,7 +11,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from dmfc.config.setting import is_resource
+from dmfc.config.setting import enters_key
 
 KEY_LENGTH = 32
 """Hexadecimal digits of a key: 128 bits of its SHA-256."""
@@ -86,7 +86,7 @@ def key_of(kind: str, version: int, config: Any, inputs: Any) -> str:
 
 
 def plain(value: Any) -> Any:
-    """`value` as JSON's types, without resource settings; whole floats stay floats.
+    """`value` as JSON's types, without what enters no key (`setting`); whole floats stay floats.
 
     Raises TypeError on anything that has no stable text form.
     """
@@ -94,7 +94,7 @@ def plain(value: Any) -> Any:
         return {
             item.name: plain(getattr(value, item.name))
             for item in dataclasses.fields(value)
-            if not is_resource(item)
+            if enters_key(item, getattr(value, item.name))
         }
     if isinstance(value, Mapping):
         return {str(name): plain(item) for name, item in value.items()}

@@ -65,6 +65,8 @@ def test_table_one_shares_data_and_pretraining(builder):
         ("scenes.train.seed=5", {"scenes", "pretrain", "finetune", "evaluate"}),
         ("scenes.test.seed=5", {"scenes", "evaluate"}),
         ("grasps.per_object=7", {"grasps", "scenes", "pretrain", "finetune", "evaluate"}),
+        ("grasps.refine.steps=0", set()),
+        ("grasps.refine.steps=5", {"grasps", "scenes", "pretrain", "finetune", "evaluate"}),
         (
             "objects.prepare.sdf_spacing=0.006",
             {"object", "grasps", "scenes", "pretrain", "finetune", "evaluate"},

@@ -21,6 +21,7 @@ from tests.sweep.trivial_graph import trivial
 class Settings:
     rate: float = setting(1.0, "")
     threads: int = setting(1, "", resource=True)
+    polish: int = setting(0, "", later=True)
 
 
 def key(**config):
@@ -37,6 +38,16 @@ def test_the_key_depends_on_exactly_what_it_should():
     one, two = trivial("add", "x", 1), trivial("add", "x", 2)
     keys = {trivial("add", "y", 1, {"in": given}).key for given in (one, two, (one,), (one, two))}
     assert len(keys) == 4
+
+
+def test_a_later_setting_enters_a_key_where_it_is_not_at_its_default():
+    @dataclasses.dataclass(frozen=True)
+    class Before:
+        rate: float = setting(1.0, "")
+
+    assert key(a=Settings(polish=0)) == key(a=Before())
+    assert len({key(a=Settings(polish=n)) for n in range(3)}) == 3
+    assert plain(Settings(polish=2)) == {"rate": 1.0, "polish": 2}
 
 
 def test_the_order_of_keys_does_not_matter():
