@@ -14,6 +14,7 @@ from dmfc import (
     cli_exchange,
     cli_grasp_stats,
     cli_model,
+    cli_predict,
     cli_scenes,
     cli_store,
     cli_sweep,
@@ -40,6 +41,8 @@ app.add_typer(cli_scenes.scenes, name="scenes")
 app.command()(cli_model.train)
 app.command()(cli_evaluate.evaluate)
 app.command()(cli_evaluate.compare)
+app.command()(cli_predict.predict)
+app.add_typer(cli_predict.models_app, name="models")
 app.add_typer(cli_sweep.sweep_app, name="sweep")
 app.command()(cli_sweep.tables)
 app.command()(cli_tracking.ui)

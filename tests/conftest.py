@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import sys
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,23 @@ import pytest
 def ctrl_c_is_heard():
     """A shell that starts the tests in the background has them and their children ignore SIGINT."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.fixture
+def dmfc(capsys, monkeypatch):
+    """Runs `dmfc ...` in this process; gives (status, standard output, standard error)."""
+
+    from dmfc import cli
+
+    def call(*arguments: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["dmfc", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            cli.main()
+        out, err = capsys.readouterr()
+        status = ended.value.code
+        return (status if isinstance(status, int) else 0), out, err
+
+    return call
 
 
 @pytest.fixture(scope="session")

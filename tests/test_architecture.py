@@ -28,6 +28,7 @@ LAYERS = [
     {"scenes"},
     {"network"},
     {"training"},
+    {"prediction"},
     {"execution"},
     {"sweep"},
     {"report"},
@@ -121,8 +122,9 @@ def test_every_package_is_shipped():
     there = {
         ".".join(("dmfc", *path.parent.relative_to(PACKAGE).parts))
         for path in PACKAGE.rglob("*")
-        if path.is_file() and path.parent.name != "__pycache__"
+        if path.is_file() and path.parent.name != "__pycache__" and part(path) != "models"
     }
+    assert "models/**/*" in settings["package-data"]["dmfc"]  # so a model is added without a line
     assert set(settings["packages"]) == there | {
         f"dmfc.{n}" for n in ("configs", "sweeps", "protocols")
     }

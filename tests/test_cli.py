@@ -30,25 +30,11 @@ VERBS = [
     ["doctor"], ["assets", "list"], ["assets", "pull"], ["assets", "verify"], ["objects", "list"],
     ["objects", "prepare"], ["grasps", "plan"], ["grasps", "stats"], ["scenes", "make"],
     ["scenes", "stats"], ["scenes", "show"], ["scenes", "freeze"], ["train"],
-    ["evaluate"], ["sweep", "run"], ["sweep", "status"], ["tables"],
+    ["evaluate"], ["predict"], ["models", "list"], ["models", "export"],
+    ["sweep", "run"], ["sweep", "status"], ["tables"],
     ["ui"], ["store", "list"], ["store", "show"], ["store", "verify"], ["store", "prune"],
     ["store", "export"], ["store", "import"], ["tracking", "rebuild"], ["tracking", "sync"],
 ]  # fmt: skip
-
-
-@pytest.fixture
-def dmfc(capsys, monkeypatch):
-    """Runs `dmfc ...` in this process; gives (status, standard output, standard error)."""
-
-    def call(*arguments: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["dmfc", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            cli.main()
-        out, err = capsys.readouterr()
-        status = ended.value.code
-        return (status if isinstance(status, int) else 0), out, err
-
-    return call
 
 
 @pytest.fixture

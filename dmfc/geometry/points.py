@@ -1,7 +1,8 @@
 """Point-cloud operators: farthest point sampling, ball query, three nearest neighbours.
 
 Each takes one cloud `[N,3]` or a batch `[B,N,3]`, as numpy array or torch tensor, and answers in
-kind. On the CPU they are compiled loops; elsewhere, tensor operations that give the same indices.
+kind. On the CPU they are compiled loops; elsewhere, and for tensors where `dmfc.geometry.compiled`
+says so, tensor operations that give the same indices.
 No operator carries a gradient: each answers indices, or weights that are constants of the network.
 """
 
@@ -15,6 +16,7 @@ import torch
 
 from dmfc.errors import DmfcError
 from dmfc.geometry import point_kernels as kernels
+from dmfc.geometry.compiled import compiled_loops
 
 Array = Any  # np.ndarray or torch.Tensor: what comes in goes out
 
@@ -94,7 +96,7 @@ def _dispatch(
     is_numpy = isinstance(clouds[0], np.ndarray)
     if not is_numpy:
         clouds = tuple(cloud.detach() for cloud in clouds)
-    if is_numpy or clouds[0].device.type == "cpu":
+    if is_numpy or (clouds[0].device.type == "cpu" and compiled_loops()):
         kind = np.float64 if _is_double(clouds[0]) else np.float32
         arrays = [np.ascontiguousarray(np.asarray(cloud), dtype=kind) for cloud in clouds]
         index = compiled(*[array[None] if single else array for array in arrays])

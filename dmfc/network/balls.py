@@ -22,6 +22,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from dmfc.geometry.compiled import compiled_loops
 from dmfc.network import ball_kernels as kernels
 
 CHUNK_NUMBERS = 2**17
@@ -30,7 +31,8 @@ CHUNK_NUMBERS = 2**17
 
 def runs_here(rows: Tensor) -> bool:
     """Whether the functions here take `rows`: on a CPU, in float32 or float64."""
-    return rows.device.type == "cpu" and rows.dtype in (torch.float32, torch.float64)
+    known = rows.device.type == "cpu" and rows.dtype in (torch.float32, torch.float64)
+    return known and compiled_loops()
 
 
 class Norm(NamedTuple):

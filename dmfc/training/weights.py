@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -21,6 +21,8 @@ WEIGHTS = "weights.safetensors"
 METRICS = "metrics.jsonl"
 CONFIG = "config.yaml"
 SUMMARY = "summary.json"
+_BROKEN = (OSError, AttributeError, ValueError, SafetensorError, OmegaConfBaseException)
+"""What reading a folder raises that holds no trained network."""
 
 
 def new_network(config: NetworkConfig, hand: HandModel) -> DmfcGraspNet:
@@ -36,14 +38,30 @@ def load_network(folder: Path, hand: HandModel) -> DmfcGraspNet:
     try:
         stored = OmegaConf.load(folder / CONFIG)
         trained_hand = stored.hand
-        config = OmegaConf.merge(OmegaConf.structured(NetworkConfig), stored.network)
-        net = new_network(cast(NetworkConfig, OmegaConf.to_object(config)), hand)
-    except (OSError, AttributeError, ValueError, OmegaConfBaseException) as error:
+        net = new_network(_network_config(stored), hand)
+    except _BROKEN as error:
         raise DmfcError(f"{folder} holds no trained network: {_first_line(error)}") from error
     if trained_hand != hand.name:
         raise DmfcError(f"{folder} was trained for the hand '{trained_hand}', not '{hand.name}'")
     load_weights(net, folder)
     return net.eval()
+
+
+def load_alone(folder: Path) -> tuple[DmfcGraspNet, str]:
+    """The trained network of a stage's `folder` and the name of its hand, without that hand.
+
+    Its joint limits are those that the weights hold. Raises DmfcError where there is none.
+    """
+    try:
+        tensors = load_file(folder / WEIGHTS)
+        limits = tensors["lower"].float(), tensors["upper"].float()
+        stored = OmegaConf.load(folder / CONFIG)
+        net = DmfcGraspNet(_network_config(stored), *limits)
+        net.load_state_dict(tensors)
+        hand = str(stored.hand)
+    except (*_BROKEN, KeyError, RuntimeError) as error:
+        raise DmfcError(f"{folder} holds no trained network: {_first_line(error)}") from error
+    return net.eval(), hand
 
 
 def load_weights(net: DmfcGraspNet, folder: Path) -> None:
@@ -55,6 +73,11 @@ def load_weights(net: DmfcGraspNet, folder: Path) -> None:
             f"the weights in {folder} do not fit this network and hand: {_first_line(error)} "
             "(network.*, hand.name)"
         ) from error
+
+
+def _network_config(stored: Any) -> NetworkConfig:
+    config = OmegaConf.merge(OmegaConf.structured(NetworkConfig), stored.network)
+    return cast(NetworkConfig, OmegaConf.to_object(config))
 
 
 def _inside(limit: np.ndarray, towards: float) -> torch.Tensor:

@@ -1,0 +1,91 @@
+"""The card of a shipped model: what it was trained on, by what code, what was measured of it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from omegaconf import OmegaConf
+
+UNMEASURED = "This model was not evaluated."
+
+
+def model_card(stage: Path, name: str, measured: str = "") -> str:
+    """Markdown for the trained network in the folder `stage`; says only what its files say."""
+    settings: Any = OmegaConf.load(stage / "config.yaml")
+    record = _json(stage / "stage.json")
+    summary = _json(stage / "summary.json")
+    rows = {
+        "network": f"PointNet++, {settings.network.levels[0]} grasps per cloud, "
+        f"{_or_unknown(summary.get('parameters'))} parameters",
+        "hand": settings.hand,
+        "trained with": f"stage {settings.stage}, {_or_unknown(summary.get('epochs'))} epochs, "
+        f"batch {settings.training.batch_size}, seed {settings.training.seed}",
+        "losses": ", ".join(
+            f"{term} {weight:g}" for term, weight in settings.losses.weights.items() if weight
+        ),
+        "data": _data(stage, record),
+        "code": f"commit {str(record.get('commit') or 'unknown')[:7]}",
+        "key of the stage": f"{record.get('kind', '?')}/{record.get('key', '?')}",
+        "digest of the data": str(summary.get("data_digest", "unknown"))[:16],
+    }
+    table = "\n".join(f"| {what} | {value} |" for what, value in rows.items())
+    last = summary.get("last", {}).get("train", {})
+    errors = [
+        f"{last[key]:.0f} {unit}"
+        for key, unit in (("translation_mm", "mm"), ("rotation_deg", "degrees"))
+        if key in last
+    ]
+    return f"""# {name}
+
+A dense multi-fingered grasp network of `dmfc` (`dmfc predict CLOUD --model {name}`).
+
+| | |
+|---|---|
+{table}
+
+{measured or UNMEASURED}
+
+{_errors(errors)}
+Input: points on the visible surface of objects on a table, without the table, gravity along -z, in
+metres. Output: palm poses and joint angles; nothing checks them for collision, and the confidence
+is the network's own, not a measured rate. Not tried on a real hand or a real camera.
+
+Licence: Apache-2.0, as the package.
+"""
+
+
+def _data(stage: Path, record: dict[str, Any]) -> str:
+    """What the stages that it was trained on say; they lie beside it in a store."""
+    shards = [_json(stage.parents[1] / a / "stage.json") for a in _inputs(record, "scenes")]
+    made = [shard.get("config", {}) for shard in shards]
+    if not made or not all(made):
+        return "unknown"
+    count = sum(config["stop"] - config["start"] for config in made)
+    kinds = " and ".join(sorted({config["set"]["kind"] for config in made}))
+    points = made[0]["scenes"]["points"]
+    return (
+        f"{count} scenes ({kinds}) of {len(_inputs(record, 'objects'))} objects, {points} points "
+        "each, from four simulated depth cameras"
+    )
+
+
+def _inputs(record: dict[str, Any], name: str) -> list[str]:
+    given = record.get("inputs", {}).get(name, [])
+    return [given] if isinstance(given, str) else given
+
+
+def _errors(errors: list[str]) -> str:
+    if not errors:
+        return ""
+    told = " and ".join(errors)
+    return f"On its training scenes the nearest label of a labelled point is {told} away.\n"
+
+
+def _or_unknown(value: Any) -> str:
+    return "unknown" if value is None else f"{value:,}"
+
+
+def _json(path: Path) -> dict[str, Any]:
+    return json.loads(path.read_text()) if path.is_file() else {}

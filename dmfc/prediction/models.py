@@ -1,0 +1,64 @@
+"""Models that are shipped inside the package, and how a trained stage becomes one.
+
+A model is a folder `dmfc/models/NAME` with `weights.safetensors`, `config.yaml` (both as a training
+stage leaves them) and `README.md`, its card. `dmfc/models/default.txt` names the default.
+"""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+from dmfc.errors import DmfcError, unknown_name
+
+SHIPPED = Path(__file__).resolve().parents[1] / "models"
+WEIGHTS, CONFIG, CARD, DEFAULT = "weights.safetensors", "config.yaml", "README.md", "default.txt"
+LARGEST_MB = 10
+"""Larger weights do not belong in a package."""
+
+
+def shipped_models() -> list[str]:
+    """Names of the models in the package."""
+    return sorted(path.parent.name for path in SHIPPED.glob(f"*/{WEIGHTS}"))
+
+
+def default_model() -> str:
+    """Name of the model that is used where none is asked for."""
+    return (SHIPPED / DEFAULT).read_text().strip()
+
+
+def model_folder(model: str | Path | None = None) -> Path:
+    """The folder of a model: a shipped one's name, a folder's path, or None for the default."""
+    name = default_model() if model is None else str(model)
+    if name in shipped_models():
+        return SHIPPED / name
+    folder = Path(name).expanduser()
+    if (folder / WEIGHTS).is_file():
+        return folder.absolute()
+    if folder.is_dir():
+        raise DmfcError(f"the folder {folder} holds no {WEIGHTS} (--model)")
+    raise unknown_name("model", name, shipped_models())
+
+
+def export_model(stage: Path, out: Path, default: bool = False, measured: str = "") -> Path:
+    """Make the model folder `out` from the folder of a finished training stage; gives `out`.
+
+    `measured`: what is known of its rates, for the card. `default`: whether it is to be the default
+    of the models beside it. Its card is written anew. Raises DmfcError where `stage` holds no
+    network, or one too large to be shipped.
+    """
+    from dmfc.prediction.card import model_card
+    from dmfc.training.weights import load_alone
+
+    load_alone(stage)
+    size = (stage / WEIGHTS).stat().st_size / 1e6
+    if size > LARGEST_MB:
+        raise DmfcError(f"{stage / WEIGHTS} has {size:.1f} MB; shipped are at most {LARGEST_MB} MB")
+    card = model_card(stage, out.name, measured)
+    out.mkdir(parents=True, exist_ok=True)
+    for name in (WEIGHTS, CONFIG):
+        shutil.copyfile(stage / name, out / name)
+    (out / CARD).write_text(card)
+    if default:
+        (out.parent / DEFAULT).write_text(f"{out.name}\n")
+    return out

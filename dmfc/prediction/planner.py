@@ -1,0 +1,120 @@
+"""`GraspPlanner`: a trained network as a function of a user's cloud."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from dmfc.errors import DmfcError, unknown_name
+from dmfc.geometry.compiled import with_compiled_loops
+from dmfc.geometry.transforms import transform
+from dmfc.hand.description import load_description
+from dmfc.network.model import DmfcGraspNet
+from dmfc.prediction.checks import CheckedCloud, check_cloud, require_points
+from dmfc.prediction.models import model_folder
+from dmfc.prediction.ranked import RankedGrasps
+from dmfc.prediction.table_plane import find_table
+from dmfc.scenes.augment import choose
+from dmfc.training.predict import predict
+from dmfc.training.weights import load_alone
+
+POINTS = 2048
+"""Points that the network is given, as in its training."""
+TABLE = ("refuse", "remove", "keep")
+UP = (0.0, 0.0, 1.0)
+
+
+def load(model: str | Path | None = None, compiled: bool = True) -> GraspPlanner:
+    """The planner of a model: a shipped one's name (None: the default), or a model's folder.
+
+    `compiled=False` does without compiled loops: five times as slow, but at once (see
+    `dmfc.geometry.compiled`). Raises DmfcError where there is no such model.
+    """
+    folder = model_folder(model)
+    net, hand = load_alone(folder)
+    dof_names = load_description(hand).dof_names
+    if len(dof_names) != len(net.lower):
+        raise DmfcError(
+            f"{folder}: {len(net.lower)} joints, but the hand '{hand}' has {len(dof_names)}"
+        )
+    return GraspPlanner(net, hand, dof_names, folder.name, compiled)
+
+
+class GraspPlanner:
+    """Called with a cloud, answers its grasps; the same cloud gives the same grasps."""
+
+    def __init__(
+        self, net: DmfcGraspNet, hand: str, dof_names: list[str], model: str, compiled: bool = True
+    ) -> None:
+        self.net, self.hand, self.dof_names = net, hand, dof_names
+        self.model, self.compiled = model, compiled
+
+    def __call__(
+        self,
+        points: np.ndarray,
+        *,
+        unit: str = "m",
+        up: Sequence[float] = UP,
+        table: str = "refuse",
+        drop_invalid: bool = False,
+    ) -> RankedGrasps:
+        """Grasps of the objects whose surface `points` [N, 3] are, in the same frame, in metres.
+
+        `unit` of the points: m, cm or mm. `up` [3]: against gravity, in the cloud's frame; it may
+        lie anywhere. `table`: what to do about a table in the cloud: refuse, remove or keep.
+        At most one grasp per point, so 512 in all. Raises DmfcError as `check_cloud` does, and
+        where a table was left in the cloud.
+        """
+        R_scene_cloud = upright(up)
+        cloud = check_cloud(points, unit, drop_invalid)
+        cloud = _without_table(cloud, R_scene_cloud[2], table)
+        chosen = cloud[choose(len(cloud.points), POINTS, np.random.default_rng(0))]
+        with with_compiled_loops(self.compiled):
+            found = predict(self.net, chosen.points @ R_scene_cloud.T)
+        point = chosen.rows[found.seed_index]
+        once = np.sort(np.unique(point, return_index=True)[1])
+        T_cloud_palm = transform(R_scene_cloud.T @ found.rotation, found.position @ R_scene_cloud)
+        return RankedGrasps(
+            T_cloud_palm[once],
+            found.joints[once],
+            found.confidence[once],
+            point[once],
+            self.dof_names,
+            self.hand,
+            self.model,
+        )
+
+
+def upright(up: Sequence[float]) -> np.ndarray:
+    """R_scene_cloud [3, 3], the smallest turn that makes `up` the z axis.
+
+    Raises DmfcError where `up` is no direction.
+    """
+    vector = np.asarray(up, dtype=np.float64)
+    length = np.linalg.norm(vector) if vector.shape == (3,) else np.nan
+    if not (np.isfinite(length) and length > 0):
+        raise DmfcError(f"up is a direction of three numbers such as 0,0,1, not {up} (--up)")
+    x, y, z = vector / length
+    if z < -1 + 1e-9:
+        return np.diag([1.0, -1.0, -1.0])
+    # Rodrigues' formula about up x z
+    skew = np.array([[0, 0, -x], [0, 0, -y], [x, y, 0]])
+    return np.eye(3) + skew + skew @ skew / (1 + z)
+
+
+def _without_table(cloud: CheckedCloud, up: np.ndarray, table: str) -> CheckedCloud:
+    if table not in TABLE:
+        raise unknown_name("way with a table", table, TABLE)
+    found = None if table == "keep" else find_table(cloud.points, up)
+    if found is None:
+        return cloud
+    if table == "refuse":
+        raise DmfcError(
+            f"{found.mean():.0%} of the points lie on a plane below the rest: a table was left in "
+            "the cloud; take it out with --table remove, or keep it as an object with --table keep"
+        )
+    left = cloud[~found]
+    require_points(left, f"{int(found.sum())} lay on the table")
+    return left

@@ -1,0 +1,92 @@
+"""`RankedGrasps`: what a planner answers for one cloud, and its files."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class RankedGrasps:
+    """G grasps, the most confident first, in the frame of the cloud. Metres, radians, float64."""
+
+    T_cloud_palm: np.ndarray
+    """[G, 4, 4] pose of the hand's palm frame."""
+    joints: np.ndarray
+    """[G, D] within the hand's limits, when the fingers touch."""
+    confidence: np.ndarray
+    """[G] in (0, 1)."""
+    point: np.ndarray
+    """[G] i64 index of the point of the given cloud that the grasp was predicted at."""
+    dof_names: list[str]
+    """[D] joint that drives each degree of freedom."""
+    hand: str
+    """Name of the hand."""
+    model: str
+    """Name or folder of the model that predicted them."""
+
+    def __len__(self) -> int:
+        return len(self.confidence)
+
+    def __getitem__(self, rows: np.ndarray | slice) -> RankedGrasps:
+        """The grasps of some rows (indices, mask or slice)."""
+        return replace(
+            self,
+            T_cloud_palm=self.T_cloud_palm[rows],
+            joints=self.joints[rows],
+            confidence=self.confidence[rows],
+            point=self.point[rows],
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """All of it as JSON's types; a matrix is a list of rows."""
+        return {
+            "model": self.model,
+            "hand": self.hand,
+            "dof_names": self.dof_names,
+            "grasps": [
+                {
+                    "confidence": float(self.confidence[k]),
+                    "point": int(self.point[k]),
+                    "T_cloud_palm": self.T_cloud_palm[k].tolist(),
+                    "joints": self.joints[k].tolist(),
+                }
+                for k in range(len(self))
+            ],
+        }
+
+    def to_json(self) -> str:
+        """`to_dict` as text."""
+        return json.dumps(self.to_dict())
+
+    def save(self, path: Path | str, object_id: str = "cloud") -> None:
+        """Write a grasp set (`dmfc.grasps.grasp_set`) in which the object's frame is the cloud's.
+
+        Q1, penetration, robustness and contacts were not measured and are NaN. Rows keep their
+        order; the notes `confidence` and `point` hold a number for each, with spaces between.
+        """
+        from dmfc.grasps.grasp_set import GraspSet
+
+        count, unknown = len(self), np.full(len(self), np.nan)
+        GraspSet(
+            object_id=object_id,
+            hand=self.hand,
+            dof_names=self.dof_names,
+            position=self.T_cloud_palm[:, :3, 3],
+            rotation=self.T_cloud_palm[:, :3, :3],
+            joints=self.joints,
+            palm_hit=np.full((count, 3), np.nan),
+            q1=unknown,
+            penetration=unknown,
+            robustness=unknown,
+            contacts=unknown,
+            notes={
+                "predicted_by": self.model,
+                "confidence": " ".join(f"{value:.6g}" for value in self.confidence),
+                "point": " ".join(str(value) for value in self.point),
+            },
+        ).save(Path(path))
