@@ -76,6 +76,12 @@ class AugmentationConfig(SensorConfig):
         0.002, "rad; standard deviation about each axis of how a camera is thought to be turned"
     )
 
+    @property
+    def nothing(self) -> bool:
+        """Whether all of it is off: then clouds and seeds are the same in every epoch."""
+        errors = (self.noise, self.dropped, self.camera_shift, self.camera_turn)
+        return not (self.yaw or self.shift or any(errors))
+
 
 @dataclass(frozen=True)
 class ScenesConfig:

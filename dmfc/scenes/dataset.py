@@ -223,7 +223,9 @@ class SceneData(lightning.LightningDataModule):
     ) -> None:
         super().__init__()
         shared = (grasps, object_order, palm_reference, matching, config.cameras)
-        self.train = SceneDataset(train, *shared, config.augmentation, seeds=seeds, seed=seed)
+        # even a new order of the points would draw other seeds
+        added = None if config.augmentation.nothing else config.augmentation
+        self.train = SceneDataset(train, *shared, added, seeds=seeds, seed=seed)
         self.validation = (
             SceneDataset(validation, *shared, seeds=seeds, seed=seed) if validation else None
         )

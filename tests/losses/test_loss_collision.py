@@ -12,7 +12,7 @@ from dmfc.hand.model import HandModel
 from dmfc.losses.atlas import SceneObjects
 from dmfc.losses.collision import SelfCollision, collision, object_penetration, table_penetration
 from dmfc.losses.guidance import guidance
-from tests.losses.loss_shapes import BALL, box_distance, slope
+from tests.losses.loss_shapes import BALL, ball_distance, box_distance, slope
 
 
 def around(centre: torch.Tensor, spread: float, count: int = 200, seed: int = 0) -> torch.Tensor:
@@ -36,16 +36,31 @@ def test_table() -> None:
 def test_ball_and_box_as_in_closed_form(scene: SceneObjects) -> None:
     ball = scene.T_world_object[:, 0, None, :3, 3]
     p = around(ball, 0.03)
+    p[0, 100:] += scene.T_world_object[0, 1, :3, 3] - ball[0]  # half of them are about the box
     depth = (BALL - (p - ball).norm(dim=-1)).clamp(min=0)
     expected = depth.square().sum(-1).numpy()
     T = inverse(scene.T_world_object[0, 1])
     box = np.maximum(box_distance(apply(T, p[0]).numpy()), 0)
+    assert (box > 0).sum() > 20
     expected[0] += (box**2).sum()
     measured = object_penetration(p, scene)
     assert measured.numpy() == pytest.approx(expected, rel=5e-3)
     assert (measured > 0).all()
     # Nothing below the table: divided by points times (table + objects).
     assert torch.allclose(collision(p, scene), measured / (200 * torch.tensor([3.0, 2.0])))
+
+
+@pytest.mark.parametrize(("row", "closed_form"), [(0, ball_distance), (1, box_distance)])
+def test_each_point_counts_inside_alone(scene: SceneObjects, row: int, closed_form) -> None:
+    """One point per grasp: d^2 of the closed form inside a ball or a box, and 0 outside."""
+    shape = scene.take(torch.tensor([0])).only(torch.tensor([row]))
+    p = around(shape.T_world_object[:, 0, None, :3, 3], 0.025)[0]
+    depth = closed_form(apply(inverse(shape.T_world_object[0, 0]), p).numpy())
+    measured = object_penetration(p[:, None], shape.take(torch.zeros(200, dtype=torch.int64)))
+    surface = np.abs(depth) < 6e-4  # trilinear values of a 1 mm grid
+    assert ((measured.numpy() > 0) == (depth > 0))[~surface].all()
+    assert measured.sqrt().numpy() == pytest.approx(np.maximum(depth, 0), abs=6e-4)
+    assert 40 < (depth > 0).sum() < 180
 
 
 def test_collision_gradient(scene: SceneObjects) -> None:

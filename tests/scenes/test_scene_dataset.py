@@ -245,6 +245,20 @@ def test_lightning_runs_epochs_alike_with_any_number_of_workers(
     assert epochs[0] != epochs[1]
 
 
+def test_with_augmentation_off_every_epoch_has_the_same_clouds_and_seeds(
+    config, scenes, grasps, objects, hand
+):
+    off = dataclasses.replace(STILL, yaw=False, camera_shift=0.0, camera_turn=0.0)
+    items = {}
+    for name, added in (("off", off), ("moved", dataclasses.replace(off, shift=0.01))):
+        given = dataclasses.replace(config, augmentation=added)
+        data = SceneData(given, MATCHING, scenes, grasps, list(objects), hand.palm_reference)
+        items[name] = [data.train[epoch, 0] for epoch in (0, 1)]
+    for key, value in items["off"][0].items():
+        assert torch.equal(value, items["off"][1][key]), key
+    assert not torch.equal(*(item["seed_index"] for item in items["moved"]))
+
+
 def test_import_needs_no_simulator_or_mesh_tools():
     code = (
         "import sys; "

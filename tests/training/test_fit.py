@@ -252,7 +252,17 @@ def test_weights_of_another_hand_or_none_are_errors(tmp_path):
         predict(load_network(tmp_path / "pretrain", toy_hand()), np.zeros((4, 2)))
 
 
-def test_training_imports_without_orchestration():
+def test_both_stages_run_without_simulator_and_orchestration(tmp_path):
     absent = ["ray", "mlflow", "mujoco", "trimesh", "coacd", "pandas"]
-    code = f"import sys; sys.modules.update(dict.fromkeys({absent})); import dmfc.training.fit"
-    subprocess.run([sys.executable, "-c", code], check=True)  # None there: importing it fails
+    code = f"""
+import sys
+sys.modules.update(dict.fromkeys({absent}))  # None there: importing it fails
+from pathlib import Path
+from tests.training.test_fit import CONFIG, run, with_epochs
+folder = Path({str(tmp_path)!r})
+run(folder, "pretrain", with_epochs(CONFIG, "pretrain", 1))
+run(folder, "finetune", with_epochs(CONFIG, "finetune", 1), init_weights=folder / "pretrain")
+"""
+    root = Path(__file__).resolve().parents[2]
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=root)
+    assert (tmp_path / "finetune/weights.safetensors").exists()
