@@ -70,14 +70,14 @@ KINDS: Registry = registry(
     StageKind(
         "pretrain",
         "dmfc.sweep.stages:pretrain",
-        version=2,
+        version=3,
         cpus=_training_cpus,
         gpus=_training_gpus,
     ),
     StageKind(
         "finetune",
         "dmfc.sweep.stages:finetune",
-        version=2,
+        version=3,
         cpus=_training_cpus,
         gpus=_training_gpus,
     ),
