@@ -40,14 +40,18 @@ class GridAtlas:
     def __len__(self) -> int:
         return len(self.first)
 
-    def distance(self, points: Tensor, grid: Tensor, T_x_grid: Tensor) -> Tensor:
+    def distance(
+        self, points: Tensor, grid: Tensor, T_x_grid: Tensor, near: bool = False
+    ) -> Tensor:
         """Signed distance of points [n, P, 3] in frame x to K grids each, [n, K, P] metres.
 
         grid: [n, K] index into the atlas, negative where there is none (the distance is `FAR`).
         T_x_grid: [n, K, 4, 4], which gets no gradient. The gradient of the points is exact except
         on the faces of voxels, where it jumps; there is no second derivative.
+        near: only penetration is asked for. Beyond the box of a grid, where there is none, the
+        distance may be anything negative, and its gradient 0.
         """
-        result: Tensor = _Distance.apply(points, grid, T_x_grid.detach(), self)
+        result: Tensor = _Distance.apply(points, grid, T_x_grid.detach(), self, near)
         return result
 
     def lookup(self, points: Tensor, grid: Tensor) -> Tensor:
@@ -66,25 +70,32 @@ class GridAtlas:
 class _Distance(torch.autograd.Function):
     @staticmethod
     def forward(
-        ctx: Any, points: Tensor, grid: Tensor, T_x_grid: Tensor, atlas: GridAtlas
+        ctx: Any, points: Tensor, grid: Tensor, T_x_grid: Tensor, atlas: GridAtlas, near: bool
     ) -> Tensor:
-        compute = _on_cpu if points.device.type == "cpu" else _by_tensors
         wanted = ctx.needs_input_grad[0]
         pose = T_x_grid.to(points.dtype)
-        distance, gradient = compute(points.detach(), grid, pose, atlas, wanted)
+        if points.device.type == "cpu":
+            distance, gradient = _on_cpu(points.detach(), grid, pose, atlas, wanted, near)
+        else:
+            distance, gradient = _by_tensors(points.detach(), grid, pose, atlas, wanted)
         if wanted:
             ctx.save_for_backward(gradient)
         return distance
 
     @staticmethod
     @once_differentiable
-    def backward(ctx: Any, grad_distance: Tensor) -> tuple[Tensor | None, None, None, None]:
+    def backward(ctx: Any, grad_distance: Tensor) -> tuple[Tensor | None, None, None, None, None]:
         (gradient,) = ctx.saved_tensors
-        return (grad_distance[..., None] * gradient).sum(dim=1), None, None, None
+        return (grad_distance[..., None] * gradient).sum(dim=1), None, None, None, None
 
 
 def _on_cpu(
-    points: Tensor, grid: Tensor, T_x_grid: Tensor, atlas: GridAtlas, wanted: bool
+    points: Tensor,
+    grid: Tensor,
+    T_x_grid: Tensor,
+    atlas: GridAtlas,
+    wanted: bool,
+    near: bool,
 ) -> tuple[Tensor, Tensor]:
     """Distance [n, K, P] and, where it is wanted, its gradient [n, K, P, 3]."""
     shape = (*grid.shape, points.shape[1])
@@ -101,6 +112,7 @@ def _on_cpu(
         constant["size"].numpy(),
         constant["origin"].numpy(),
         constant["spacing"].numpy(),
+        near,
         distance.numpy(),
         gradient.numpy(),
     )
@@ -110,7 +122,7 @@ def _on_cpu(
 def _by_tensors(
     points: Tensor, grid: Tensor, T_x_grid: Tensor, atlas: GridAtlas, wanted: bool
 ) -> tuple[Tensor, Tensor]:
-    """As `_on_cpu`."""
+    """As `_on_cpu`, with every distance."""
     rows = max(CHUNK // max(grid.shape[1] * points.shape[1], 1), 1)
     distances, gradients = [], [points.new_zeros(0, grid.shape[1], points.shape[1], 3)]
     for piece in zip(points.split(rows), grid.split(rows), T_x_grid.split(rows), strict=True):

@@ -17,12 +17,14 @@ def distance_and_gradient(
     size: np.ndarray,
     origin: np.ndarray,
     spacing: np.ndarray,
+    near: bool,
     distance: np.ndarray,
     gradient: np.ndarray,
 ) -> None:
     """Fill distance [n, K, P] and its gradient [n, K, P, 3] with respect to points [n, P, 3].
 
-    A gradient of size 0 is not filled.
+    A gradient of size 0 is not filled. With `near` a point beyond the box of a grid is not looked
+    up: its entries are left as they are.
 
     rotation [n, K, 3, 3] and position [n, K, 3] place grid[n, K] among the points; entries with a
     negative grid are left as they are.
@@ -57,6 +59,8 @@ def distance_and_gradient(
                     apart += out[c] * out[c]
                     cell[c] = min(int(clamped), size[g, c] - 2)
                     node[c] = clamped - cell[c]
+                if near and apart > 0.0:
+                    continue
                 corner = first[g] + (cell[0] * ny + cell[1]) * nz + cell[2]
                 fx, fy, fz = node[0], node[1], node[2]
                 v000, v001 = np.float64(values[corner]), np.float64(values[corner + 1])

@@ -46,7 +46,7 @@ def table_penetration(points: Tensor) -> Tensor:
 
 def object_penetration(points: Tensor, objects: SceneObjects) -> Tensor:
     """Sum over points [n, P, 3] and objects of max(d, 0)^2, [n]."""
-    return objects.distance(points).clamp(min=0).square().sum((1, 2))
+    return objects.depth(points).square().sum((1, 2))
 
 
 class SelfCollision:

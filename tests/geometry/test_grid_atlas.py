@@ -50,15 +50,30 @@ def test_compiled_and_tensor_paths_agree(
     monkeypatch.setattr(grid_atlas, "CHUNK", 1000)
     problem_ = problem(dtype=dtype)
     atlas = GridAtlas(grids)
-    fast = grid_atlas._on_cpu(*problem_, atlas, True)
+    fast = grid_atlas._on_cpu(*problem_, atlas, True, False)
     slow = grid_atlas._by_tensors(*problem_, atlas, True)
     assert fast[0].dtype == slow[0].dtype == dtype
     assert (fast[0] - slow[0]).abs().max() < tolerance
     assert (fast[1] - slow[1]).abs().max() < tolerance
-    for path in (grid_atlas._on_cpu, grid_atlas._by_tensors):
-        alone, nothing = path(*problem_, atlas, False)
-        assert torch.equal(alone, (fast if path is grid_atlas._on_cpu else slow)[0])
+    for found, (alone, nothing) in (
+        (fast, grid_atlas._on_cpu(*problem_, atlas, False, False)),
+        (slow, grid_atlas._by_tensors(*problem_, atlas, False)),
+    ):
+        assert torch.equal(alone, found[0])
         assert nothing.numel() == 0
+
+
+def test_near_gives_the_same_penetration_and_gradient(grids: list[Grid]) -> None:
+    points, index, T = problem(p=2000)
+    atlas, found = GridAtlas(grids), []
+    for near in (False, True):
+        moving = points.clone().requires_grad_()
+        depth = atlas.distance(moving, index, T, near).clamp(min=0)
+        found.append((depth.detach(), *torch.autograd.grad(depth.square().sum(), moving)))
+    (depth, gradient), (near_depth, near_gradient) = found
+    assert (depth > 0).sum() > 100
+    assert torch.equal(depth, near_depth)
+    assert torch.equal(gradient, near_gradient)
 
 
 def test_gradient_by_finite_differences(grids: list[Grid]) -> None:
@@ -81,8 +96,11 @@ def test_points_that_are_no_numbers_stay_so(grids: list[Grid]) -> None:
     index[:] = 0
     points[0, 3, 1] = torch.nan
     atlas = GridAtlas(grids)
-    for path in (grid_atlas._on_cpu, grid_atlas._by_tensors):
-        distance = path(points, index, T, atlas, True)[0]
+    for distance in (
+        atlas.distance(points, index, T),
+        atlas.distance(points, index, T, near=True),
+        grid_atlas._by_tensors(points, index, T, atlas, True)[0],
+    ):
         assert torch.equal(distance[0, 0].isnan().nonzero()[:, 0], torch.tensor([3]))
 
 
