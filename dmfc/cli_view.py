@@ -107,7 +107,7 @@ def _of_evaluation(
     session, stages = evaluated(source, preset, overrides, store)
     option = "--trial scene:trial" if trial else "--scene"
     _, evaluation, found = find_scene(session.ledger, stages, scene, option)
-    return evaluated_view(evaluation, found, which, source)
+    return evaluated_view(evaluation, found, which, Path(source).name)
 
 
 def _serve(page: bytes, host: str, port: int, open_page: bool) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import json
 import os
 import re
 import signal
@@ -13,6 +15,7 @@ import urllib.request
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from tests.prediction import clouds
@@ -86,3 +89,29 @@ def test_a_page_that_cannot_be_written_is_said(dmfc, box_file, tmp_path, shadow_
     assert status == 1
     assert "cannot be written" in err
     assert len(err.strip().splitlines()) == 1
+
+
+@pytest.mark.full
+def test_a_trial_ends_as_its_evaluation_says(tmp_path, shadow_hand_dir):
+    """Makes objects, grasps and a scene of the smallest preset, and executes them."""
+    out, store = tmp_path / "page.html", tmp_path / "store"
+    code = "from dmfc.cli import main; main()"
+    call = ["view", "planner", "--trial", "0:1", "--preset", "smoke", "--store", store]
+    done = subprocess.run(
+        [sys.executable, "-c", code, *map(str, call), "--export", str(out)],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    (written,) = (store / "stages" / "evaluate").glob("*/trials.parquet")
+    row = pd.read_parquet(written).set_index(["scene", "trial"]).loc[(0, 1)]
+    found = re.search(r'<script type="application/json" id="data">(.*?)</script>', out.read_text())
+    assert found
+    shown = json.loads(found[1])
+    assert shown["title"] == f"trial 0:1, planner: {row['reason'] or 'held'}"
+    assert shown["object_names"] == [row["object"]]
+    spent = row[[name for name in row.index if name.startswith("seconds_")]].sum()
+    seconds = np.frombuffer(base64.b64decode(shown["motion"]["seconds"]["base64"]), "<f4")
+    assert seconds[-1] == pytest.approx(spent, abs=1e-3)

@@ -125,7 +125,7 @@ def cloud_view(
         hand=hand_meshes(hand),
         R_view_world=R_view_world,
         floor=float((points @ R_view_world[2]).min()),
-        selected=0,
+        selected=0 if len(grasps) else None,
     )
 
 
@@ -147,7 +147,8 @@ def scene_view(
     T_world_palm = transform(ranked.rotation, ranked.position)
     return View(
         title=title,
-        subtitle=f"{', '.join(scene.object_ids)}; {len(grasps)} grasps",
+        subtitle=f"{len(scene.points):,} points of {len(scene.object_ids)} objects; "
+        f"{len(grasps)} grasps",
         points=scene.points,
         grasps=grasp_field(T_world_palm, ranked.joints, ranked.confidence, hand),
         hand=hand_meshes(hand),
