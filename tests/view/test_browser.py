@@ -153,6 +153,42 @@ def test_a_trial_is_played_and_scrubbed(browser, view, tmp_path):
     assert page.errors() == []
 
 
+@pytest.mark.full
+def test_mouse_and_fingers_move_the_view(browser, view, tmp_path):
+    from selenium.webdriver.common.action_chains import ActionChains
+    from selenium.webdriver.common.actions.wheel_input import ScrollOrigin
+
+    path = tmp_path / "page.html"
+    path.write_text(make_page(view))
+    page = Page(browser, path)
+    canvas = page.find("canvas")
+
+    def camera() -> dict:
+        return browser.execute_script("return structuredClone(camera)")
+
+    def touch(kind: str, *places: tuple[int, int]) -> None:
+        touches = [{"x": x, "y": y, "id": k} for k, (x, y) in enumerate(places)]
+        browser.execute_cdp_cmd("Input.dispatchTouchEvent", {"type": kind, "touchPoints": touches})
+
+    home = camera()
+    ActionChains(browser).drag_and_drop_by_offset(canvas, 100, 0).perform()
+    turned = camera()
+    assert turned["azimuth"] == pytest.approx(home["azimuth"] - 0.8, abs=0.02)
+    assert {**turned, "azimuth": home["azimuth"]} == home
+    ActionChains(browser).scroll_from_origin(ScrollOrigin.from_element(canvas), 0, 200).perform()
+    assert camera()["distance"] > 1.1 * home["distance"]
+    page.find("home").click()
+    assert camera() == home
+
+    touch("touchStart", (600, 300), (700, 300))
+    touch("touchMove", (550, 300), (750, 300))
+    touch("touchEnd")
+    assert camera()["distance"] == pytest.approx(home["distance"] / 2, rel=0.05)
+    assert camera()["azimuth"] == home["azimuth"]
+    assert page.drawn("hand-vertices") > 0
+    assert page.errors() == []
+
+
 def click(browser, canvas, at) -> None:
     """At a place of the canvas, pixels from its upper left corner."""
     from selenium.webdriver.common.action_chains import ActionChains
