@@ -119,7 +119,7 @@ def cloud_view(
     shown = points[:: -(-len(points) // POINTS)]
     return View(
         title=title,
-        subtitle=f"{len(points):,} points; {len(grasps)} grasps by {grasps.model}",
+        subtitle=f"points: {len(points):,}; grasps: {len(grasps)}, by {grasps.model}",
         points=shown,
         grasps=grasp_field(grasps.T_cloud_palm, grasps.joints, grasps.confidence, hand),
         hand=hand_meshes(hand),
@@ -147,8 +147,8 @@ def scene_view(
     T_world_palm = transform(ranked.rotation, ranked.position)
     return View(
         title=title,
-        subtitle=f"{len(scene.points):,} points of {len(scene.object_ids)} objects; "
-        f"{len(grasps)} grasps",
+        subtitle=f"objects: {len(scene.object_ids)}; points: {len(scene.points):,}; "
+        f"grasps: {len(grasps)}",
         points=scene.points,
         grasps=grasp_field(T_world_palm, ranked.joints, ranked.confidence, hand),
         hand=hand_meshes(hand),

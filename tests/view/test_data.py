@@ -19,6 +19,8 @@ from dmfc.physics.world import World
 from dmfc.view import data
 from dmfc.view import scene as view_scene
 from dmfc.view.data import Mesh, cloud_view
+from dmfc.view.page import page_data
+from dmfc.view.record import record_trial
 from dmfc.view.scene import evaluated_view
 from tests.execution.execution_shapes import good, scene_of, standing
 from tests.grasps.grasp_shapes import planned, shadow, shape
@@ -126,6 +128,20 @@ def test_a_held_trial_ends_with_the_object_in_the_air(evaluation, description_of
     T_world_palm = shown.grasps.T_world_link[shown.selected, 0]
     planned_at = np.linalg.inv(T_world_palm) @ start
     assert np.linalg.norm(T_palm_object[:3, 3] - planned_at[:3, 3]) < 0.03
+
+
+def test_a_grasp_that_cannot_be_planned_has_no_motion(evaluation, description_of_scene):
+    scene = description_of_scene[0]
+    found = evaluation.proposals(scene)
+    below = dataclasses.replace(found, position=found.position - [0, 0, 0.2])
+    motion = record_trial(evaluation.open(scene), evaluation.hand, below, 0, "below")
+    assert motion.outcome == "plan: table"
+    assert motion.phase == []
+    objects = [evaluation.objects[name] for name in scene.object_ids]
+    shown = data.scene_view(scene, objects, below, evaluation.hand, "t", motion=motion)
+    told = page_data(shown)["motion"]
+    assert told["T_world_link"]["shape"] == [0, evaluation.hand.links, 3, 4]
+    assert told["T_world_object"]["shape"] == [0, 1, 3, 4]
 
 
 def test_the_executed_grasp_is_selected(evaluation, description_of_scene):
