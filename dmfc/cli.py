@@ -19,6 +19,7 @@ from dmfc import (
     cli_store,
     cli_sweep,
     cli_tracking,
+    cli_view,
 )
 from dmfc.cli_common import stderr
 from dmfc.errors import DmfcError
@@ -42,6 +43,7 @@ app.command()(cli_model.train)
 app.command()(cli_evaluate.evaluate)
 app.command()(cli_evaluate.compare)
 app.command()(cli_predict.predict)
+app.command()(cli_view.view)
 app.add_typer(cli_predict.models_app, name="models")
 app.add_typer(cli_sweep.sweep_app, name="sweep")
 app.command()(cli_sweep.tables)

@@ -80,14 +80,8 @@ def evaluate(
         raise DmfcError("--only pictures one trial, --dense a whole scene: give one of them")
     if not only and (video or detailed or (picture and dense is None)):
         raise DmfcError("--video, --detailed and --picture are of one trial: name it by --only")
-    checkpoint, files = _source(source)
     settings = _scene_settings(scenes) + ([f"execution.protocol={protocol}"] if protocol else [])
-    if files:
-        settings.append(f"objects.test=[{', '.join(files)}]")
-    session = Session.open(preset, [*(overrides or []), *settings], store, grasp_files=files)
-    model = "planner" if files else source
-    stages = session.builder.cell(session.config, model, source, checkpoint).evaluations
-    require(session.make(stages), stages)
+    session, stages = evaluated(source, preset, [*(overrides or []), *settings], store)
     if only:
         from dmfc.sweep.replay import Pictures, replay
 
@@ -101,6 +95,19 @@ def evaluate(
         answer({**picture_dense(session.ledger, stages, dense, path), "picture": str(path)})
     else:
         _report(session, stages, source, preset, out, as_json)
+
+
+def evaluated(
+    source: str, preset: str, overrides: list[str], store: Path
+) -> tuple[Session, tuple[Stage, ...]]:
+    """The finished evaluations of a model, row or grasp sets, made where they are missing."""
+    checkpoint, files = _source(source)
+    settings = [f"objects.test=[{', '.join(files)}]"] if files else []
+    session = Session.open(preset, [*overrides, *settings], store, grasp_files=files)
+    model = "planner" if files else source
+    stages = session.builder.cell(session.config, model, source, checkpoint).evaluations
+    require(session.make(stages), stages)
+    return session, stages
 
 
 def compare(

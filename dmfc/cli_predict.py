@@ -108,7 +108,7 @@ def predicted(
         )
     # One cloud: compiling loops would take longer than doing without.
     planner = load(model or None, compiled=False)
-    grasps = planner(points, unit=unit, up=_direction(up), table=table, drop_invalid=drop_invalid)
+    grasps = planner(points, unit=unit, up=direction(up), table=table, drop_invalid=drop_invalid)
     finite = points[np.isfinite(points).all(1)]
     return finite * UNITS[unit], grasps
 
@@ -129,7 +129,8 @@ def _points(cloud: Path, intrinsics: str, mask: Path | None) -> tuple[np.ndarray
     return seen, depth_unit(depth)
 
 
-def _direction(text: str) -> tuple[float, ...]:
+def direction(text: str) -> tuple[float, ...]:
+    """'x,y,z' as numbers; upwards where there is no text."""
     from dmfc.prediction.planner import UP
 
     if not text:

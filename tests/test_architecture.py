@@ -30,6 +30,7 @@ LAYERS = [
     {"training"},
     {"prediction"},
     {"execution"},
+    {"view"},
     {"sweep"},
     {"report"},
     {"tracking"},

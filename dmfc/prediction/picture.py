@@ -11,21 +11,9 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
-from dmfc.hand.description import HandDescription, load_description
+from dmfc.hand.description import load_description
+from dmfc.hand.glyph import palm_glyphs
 from dmfc.prediction.ranked import RankedGrasps
-
-FINGER_M = 0.02
-"""Length of the part of a glyph that shows where the palm faces."""
-
-
-def glyphs(grasps: RankedGrasps, hand: HandDescription) -> np.ndarray:
-    """[G, 3, 3] a polyline per grasp, cloud frame: wrist, centre of the palm, where it faces."""
-    normal = np.asarray(hand.palm_normal, dtype=np.float64)
-    reference = np.asarray(hand.palm_reference, dtype=np.float64)
-    tip = reference + FINGER_M * normal / np.linalg.norm(normal)
-    local = np.stack([np.zeros(3), reference, tip])
-    T = grasps.T_cloud_palm
-    return np.einsum("gij,pj->gpi", T[:, :3, :3], local) + T[:, None, :3, 3]
 
 
 def grasp_picture(grasps: RankedGrasps, points: np.ndarray, path: Path, best: int = 5) -> None:
@@ -33,7 +21,10 @@ def grasp_picture(grasps: RankedGrasps, points: np.ndarray, path: Path, best: in
 
     `points` [N, 3]: the cloud in metres.
     """
-    lines = glyphs(grasps, load_description(grasps.hand))
+    hand = load_description(grasps.hand)
+    lines = palm_glyphs(
+        grasps.T_cloud_palm, np.array(hand.palm_reference), np.array(hand.palm_normal)
+    )
     figure = Figure(figsize=(12, 5.6), dpi=100, layout="constrained")
     FigureCanvasAgg(figure)
     box = np.concatenate([points, lines.reshape(-1, 3)])

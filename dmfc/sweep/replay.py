@@ -40,8 +40,8 @@ def replay(
     from dmfc.execution.candidates import select
     from dmfc.execution.picture import DETAILED, STEPS, trial_strip
 
-    number, trial = _parse(only)
-    stage, evaluation, scene = _find(ledger, stages, number, "--only scene:trial")
+    number, trial = parse_trial(only)
+    stage, evaluation, scene = find_scene(ledger, stages, number, "--only scene:trial")
     found = select(evaluation.proposals(scene), evaluation.config)
     if not 0 <= trial < len(found):
         raise DmfcError(f"scene {number} has {len(found)} grasps, no trial {trial}")
@@ -69,7 +69,7 @@ def picture_dense(
     from dmfc.execution.candidates import select
     from dmfc.execution.dense import dense_picture
 
-    _, evaluation, scene = _find(ledger, stages, number, "--dense scene")
+    _, evaluation, scene = find_scene(ledger, stages, number, "--dense scene")
     proposed = evaluation.proposals(scene)
     if not len(proposed):
         raise DmfcError(f"no grasp is proposed in scene {number}: nothing to picture")
@@ -84,10 +84,10 @@ def picture_dense(
     }
 
 
-def _find(
+def find_scene(
     ledger: Ledger, stages: tuple[Stage, ...], number: int, option: str
 ) -> tuple[Stage, Evaluation, Scene]:
-    """The shard that has a scene, and the scene."""
+    """The shard that has a scene, and the scene; raises DmfcError, naming `option`, if none has."""
     for stage in stages:
         evaluation = _evaluation(ledger, stage)
         for scene in evaluation.scenes:
@@ -124,8 +124,9 @@ def _written(
     return rows.loc[(scene, trial), columns].to_dict()
 
 
-def _parse(only: str) -> tuple[int, int]:
-    scene, _, trial = only.partition(":")
+def parse_trial(text: str, option: str = "--only") -> tuple[int, int]:
+    """'3:0' as the numbers of a scene and of a trial in it."""
+    scene, _, trial = text.partition(":")
     if not (scene.isdigit() and trial.isdigit()):
-        raise DmfcError(f"--only wants scene:trial, two numbers such as 3:0, not '{only}'")
+        raise DmfcError(f"{option} wants scene:trial, two numbers such as 3:0, not '{text}'")
     return int(scene), int(trial)
