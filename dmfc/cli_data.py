@@ -27,6 +27,7 @@ from dmfc.errors import DmfcError
 from dmfc.grasps.library import file_name
 
 if TYPE_CHECKING:
+    from dmfc.grasps.grasp_set import GraspSet
     from dmfc.sweep.stage import Stage
 
 assets = typer.Typer(no_args_is_help=True, help="Packs of meshes and hands, pinned and verified.")
@@ -155,7 +156,7 @@ def grasps_plan(
     store: Store = STORE,
     as_json: AsJson = False,
     out: Annotated[
-        Path | None, typer.Option(help="Also copy the grasp sets into this library folder.")
+        Path | None, typer.Option(help="Also copy sets that have grasps into this library folder.")
     ] = None,
 ) -> None:
     """Plan grasps for objects and check each in simulation.
@@ -169,9 +170,9 @@ def grasps_plan(
     stages = grasp_stages(session, selectors)
     failed = failures(session.make(stages), stages)
     planned = [stage for stage in stages if stage.name not in failed]
-    if out is not None:
-        _copy_to_library(session, planned, out)
     sets = load_sets(session, planned)
+    if out is not None:
+        _copy_to_library(session, planned, sets, out)
     names = [stage.name for stage in stages]
     show_rows("grasps", set_rows(session, names, sets, failed), as_json)
     end_if_failed(failed, len(stages))
@@ -180,8 +181,13 @@ def grasps_plan(
         raise typer.Exit(1)
 
 
-def _copy_to_library(session: Session, stages: Sequence[Stage], folder: Path) -> None:
-    for stage in stages:
+def _copy_to_library(
+    session: Session, stages: Sequence[Stage], sets: Sequence[GraspSet], folder: Path
+) -> None:
+    """A set without a grasp is not copied: the library lacks that object."""
+    for stage, found in zip(stages, sets, strict=True):
+        if not len(found):
+            continue
         path = folder / file_name(session.config.hand.name, stage.name)
         path.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(session.ledger.folder(stage.address) / "grasps.parquet", path)

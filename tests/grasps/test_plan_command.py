@@ -67,10 +67,12 @@ def test_an_object_that_fails_is_a_row_and_the_others_are_planned_and_copied(dmf
     assert "singular matrix" in text
 
 
-def test_status_of_planning(dmfc):
+def test_status_of_planning(dmfc, tmp_path):
     assert dmfc("grasps", "plan", *GOOD)[0] == 0
-    status, text, err = dmfc("grasps", "plan", *GOOD, "--set", "grasps.max_checks=0", "--json")
+    none = ["--set", "grasps.max_checks=0", "--json", "--out", tmp_path / "library"]
+    status, text, err = dmfc("grasps", "plan", *GOOD, *none)
     assert status == 1
+    assert not (tmp_path / "library").exists()
     assert [row["grasps"] for row in json.loads(text)] == [0, 0, 0]
     assert "no object has a grasp" in err
     status, text, _ = dmfc("grasps", "plan", "shape/broken", "--json")
