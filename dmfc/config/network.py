@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 from dmfc.config.setting import setting
 
@@ -26,6 +27,15 @@ class NetworkConfig:
     width: int = setting(128, "hidden width of the heads")
     height_feature: bool = setting(
         False, "give each point its height above the table as input (the paper: positions only)"
+    )
+
+    offset_to: Literal["origin", "grasp"] = setting(
+        "origin",
+        "point of the hand that offsets lead to: the palm's origin, at the wrist, or `offset_ahead` "
+        "of the palm, where what is held is: then an error in rotation is none in position",
+    )
+    offset_ahead: float = setting(
+        0.04, "metres along the palm normal, from the palm's inner surface, of that point"
     )
 
     def __post_init__(self) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import torch
 from torch import Tensor, nn
@@ -23,7 +23,8 @@ class Prediction:
     """Grasps at m seed points of B clouds, in the clouds' frame (world).
 
     seed_index `[B,m]` into the cloud; seeds `[B,m,3]` and offset `[B,m,3]` in metres; rotation6d
-    `[B,m,6]` as (a, b); joints `[B,m,J]` in rad, not clamped; logit `[B,m]` of the confidence.
+    `[B,m,6]` as (a, b); joints `[B,m,J]` in rad, not clamped; logit `[B,m]` of the confidence;
+    centre `[3]`, the point of the hand that offsets lead to, palm frame.
     """
 
     seed_index: Tensor
@@ -32,10 +33,18 @@ class Prediction:
     rotation6d: Tensor
     joints: Tensor
     logit: Tensor
+    centre: Tensor = field(default_factory=lambda: torch.zeros(3))
 
     def float(self) -> Prediction:
         """The same in float32, whatever precision the network ran in."""
-        values = (self.seeds, self.offset, self.rotation6d, self.joints, self.logit)
+        values = (
+            self.seeds,
+            self.offset,
+            self.rotation6d,
+            self.joints,
+            self.logit,
+            self.centre,
+        )
         return Prediction(self.seed_index, *(value.float() for value in values))
 
     @property
@@ -44,9 +53,14 @@ class Prediction:
         return torch.sigmoid(self.logit)
 
     @property
-    def position(self) -> Tensor:
-        """Palm position `[B,m,3]` in metres: seed + offset."""
+    def aim(self) -> Tensor:
+        """Where the hand's `centre` comes to be, `[B,m,3]` in metres: seed + offset."""
         return self.seeds + self.offset
+
+    @property
+    def position(self) -> Tensor:
+        """Palm origin `[B,m,3]` in metres."""
+        return self.aim - self.rotation @ self.centre
 
     @property
     def rotation(self) -> Tensor:
@@ -55,14 +69,22 @@ class Prediction:
 
 
 class DmfcGraspNet(nn.Module):
-    """PointNet++ and four heads. `lower`, `upper`: the hand's joint limits `[J]`, rad."""
+    """PointNet++ and four heads.
+
+    `lower`, `upper`: the hand's joint limits `[J]`, rad; `centre` `[3]`: the point of the hand that
+    offsets lead to, palm frame, metres (the palm's origin if not given).
+    """
 
     lower: Tensor
     upper: Tensor
+    centre: Tensor
 
-    def __init__(self, config: NetworkConfig, lower: Tensor, upper: Tensor) -> None:
+    def __init__(
+        self, config: NetworkConfig, lower: Tensor, upper: Tensor, centre: Tensor | None = None
+    ) -> None:
         super().__init__()
         self.config = config
+        self.register_buffer("centre", torch.zeros(3) if centre is None else centre.clone())
         self.register_buffer("lower", lower.clone())
         self.register_buffer("upper", upper.clone())
         self.backbone = PointNet2(config)
@@ -100,6 +122,7 @@ class DmfcGraspNet(nn.Module):
             rotation6d=per_seed(self.rotation_head),
             joints=per_seed(self.joints_head),
             logit=per_seed(self.confidence_head).squeeze(-1),
+            centre=self.centre,
         )
 
 

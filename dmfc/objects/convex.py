@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import coacd
 import numpy as np
 import trimesh
 from scipy.spatial import ConvexHull, QhullError
 
 from dmfc.config.objects import PrepareConfig
+from dmfc.errors import DmfcError
+from dmfc.objects.decompose import decompose
 from dmfc.objects.mesh import CleanMesh, from_manifold, to_manifold
 
 _MIN_PART_VOLUME = 1e-9
@@ -31,10 +32,25 @@ def convex_parts(mesh: CleanMesh, config: PrepareConfig) -> list[np.ndarray]:
     filled = mesh.trimesh.volume / hull.volume
     if filled >= config.convex_single:
         return [_thinned(vertices[hull.vertices], _SINGLE_VERTICES)]
-    coacd.set_log_level("error")
-    pieces = coacd.run_coacd(
-        coacd.Mesh(vertices, faces),
-        threshold=config.convex_threshold_full if filled > _FULL else config.convex_threshold,
+    threshold = config.convex_threshold_full if filled > _FULL else config.convex_threshold
+    pieces = _decomposed(vertices, faces, solid, threshold, config)
+    if pieces is None and solid:
+        pieces = _decomposed(mesh.vertices, mesh.faces, True, threshold, config)
+    if pieces is None:
+        raise DmfcError("CoACD crashed on the mesh, simplified and as it is")
+    parts = [_hull(points) for points in pieces]
+    kept = [_thinned(part, config.convex_vertices) for part in parts if part is not None]
+    return kept or [_thinned(vertices[hull.vertices], config.convex_vertices)]
+
+
+def _decomposed(
+    vertices: np.ndarray, faces: np.ndarray, solid: bool, threshold: float, config: PrepareConfig
+) -> list[np.ndarray] | None:
+    """The points of CoACD's parts; None where it crashed."""
+    return decompose(
+        vertices,
+        faces,
+        threshold=threshold,
         real_metric=True,
         max_convex_hull=config.convex_max_parts,
         preprocess_mode="off" if solid else "on",
@@ -44,9 +60,6 @@ def convex_parts(mesh: CleanMesh, config: PrepareConfig) -> list[np.ndarray]:
         mcts_max_depth=2,
         seed=0,
     )
-    parts = [_hull(np.asarray(points)) for points, _ in pieces]
-    kept = [_thinned(part, config.convex_vertices) for part in parts if part is not None]
-    return kept or [_thinned(vertices[hull.vertices], config.convex_vertices)]
 
 
 def _simplified(mesh: CleanMesh) -> tuple[np.ndarray, np.ndarray, bool]:

@@ -70,14 +70,14 @@ KINDS: Registry = registry(
     StageKind(
         "pretrain",
         "dmfc.sweep.stages:pretrain",
-        version=3,
+        version=4,
         cpus=_training_cpus,
         gpus=_training_gpus,
     ),
     StageKind(
         "finetune",
         "dmfc.sweep.stages:finetune",
-        version=3,
+        version=4,
         cpus=_training_cpus,
         gpus=_training_gpus,
     ),

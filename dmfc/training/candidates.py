@@ -41,7 +41,8 @@ class Candidates:
         """All `B*m` predictions, in float32 whatever the network's precision."""
         prediction = prediction.float()
         size, seeds = prediction.logit.shape
-        ours = grasp_vector(prediction.position, prediction.rotation6d, prediction.joints, space)
+        ours = prediction_vectors(prediction, space)
+        labels = label_vectors(batch, space, prediction.centre)
         scene = torch.arange(size, device=ours.device)[:, None].expand(size, seeds)
         return cls(
             scene=scene.flatten(),
@@ -50,7 +51,7 @@ class Candidates:
             joints=prediction.joints.flatten(0, 1),
             logit=prediction.logit.flatten(),
             positive=batch["match"].any(-1).flatten(),
-            chamfer=chamfer(ours, label_vectors(batch, space), batch["match"]).flatten(),
+            chamfer=chamfer(ours, labels, batch["match"]).flatten(),
         )
 
     @property
@@ -64,7 +65,17 @@ class Candidates:
         return Candidates(**values)
 
 
-def label_vectors(batch: Batch, space: GraspSpace) -> Tensor:
-    """The labels of each scene in grasp space, `[B,G,9+J]`."""
+def prediction_vectors(prediction: Prediction, space: GraspSpace) -> Tensor:
+    """The predictions in grasp space, `[B,m,9+J]`; their positions are those of `centre`."""
+    return grasp_vector(prediction.aim, prediction.rotation6d, prediction.joints, space)
+
+
+def label_vectors(batch: Batch, space: GraspSpace, centre: Tensor) -> Tensor:
+    """The labels of each scene in grasp space, `[B,G,9+J]`; see `label_centres`."""
     sixd = sixd_from_matrix(batch["grasp_rotation"])
-    return grasp_vector(batch["grasp_position"], sixd, batch["grasp_joints"], space)
+    return grasp_vector(label_centres(batch, centre), sixd, batch["grasp_joints"], space)
+
+
+def label_centres(batch: Batch, centre: Tensor) -> Tensor:
+    """Where the point `centre` `[3]` of the palm frame is at each label, `[B,G,3]`, metres."""
+    return batch["grasp_position"] + batch["grasp_rotation"] @ centre

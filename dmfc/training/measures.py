@@ -7,24 +7,24 @@ from torch import Tensor
 
 from dmfc.config.losses import GraspSpace
 from dmfc.geometry.rotations import geodesic_angle
-from dmfc.losses.chamfer import grasp_vector
 from dmfc.network.model import Prediction
-from dmfc.training.candidates import Batch, label_vectors
+from dmfc.training.candidates import Batch, label_centres, label_vectors, prediction_vectors
 
 
 @torch.no_grad()
 def label_errors(prediction: Prediction, batch: Batch, space: GraspSpace) -> dict[str, Tensor]:
     """Errors at each of the p seed points with a label, against the label nearest in grasp space.
 
-    translation_mm, rotation_deg, joints_deg (root mean square over the joints): `[p]` each.
+    translation_mm of the point of the hand that offsets lead to, rotation_deg, joints_deg (root mean
+    square over the joints): `[p]` each.
     """
     prediction = prediction.float()
-    ours = grasp_vector(prediction.position, prediction.rotation6d, prediction.joints, space)
-    apart = torch.cdist(ours, label_vectors(batch, space))
+    centre = prediction.centre
+    apart = torch.cdist(prediction_vectors(prediction, space), label_vectors(batch, space, centre))
     nearest = apart.masked_fill(~batch["match"], torch.inf).argmin(-1)
     scene, seed = batch["match"].any(-1).nonzero(as_tuple=True)
     label = nearest[scene, seed]
-    position = prediction.position[scene, seed] - batch["grasp_position"][scene, label]
+    position = prediction.aim[scene, seed] - label_centres(batch, centre)[scene, label]
     angle = geodesic_angle(prediction.rotation[scene, seed], batch["grasp_rotation"][scene, label])
     joints = prediction.joints[scene, seed] - batch["grasp_joints"][scene, label]
     return {

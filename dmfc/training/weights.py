@@ -27,7 +27,8 @@ _BROKEN = (OSError, AttributeError, ValueError, SafetensorError, OmegaConfBaseEx
 
 def new_network(config: NetworkConfig, hand: HandModel) -> DmfcGraspNet:
     """An untrained network for `hand`, float32, with weights from torch's current random state."""
-    return DmfcGraspNet(config, _inside(hand.lower, np.inf), _inside(hand.upper, -np.inf))
+    limits = _inside(hand.lower, np.inf), _inside(hand.upper, -np.inf)
+    return DmfcGraspNet(config, *limits, _centre(config, hand))
 
 
 def load_network(folder: Path, hand: HandModel) -> DmfcGraspNet:
@@ -50,13 +51,13 @@ def load_network(folder: Path, hand: HandModel) -> DmfcGraspNet:
 def load_alone(folder: Path) -> tuple[DmfcGraspNet, str]:
     """The trained network of a stage's `folder` and the name of its hand, without that hand.
 
-    Its joint limits are those that the weights hold. Raises DmfcError where there is none.
+    Its joint limits and centre are those that the weights hold. Raises DmfcError where there is none.
     """
     try:
         tensors = load_file(folder / WEIGHTS)
-        limits = tensors["lower"].float(), tensors["upper"].float()
+        buffers = [tensors[name].float() for name in ("lower", "upper", "centre")]
         stored = OmegaConf.load(folder / CONFIG)
-        net = DmfcGraspNet(_network_config(stored), *limits)
+        net = DmfcGraspNet(_network_config(stored), *buffers)
         net.load_state_dict(tensors)
         hand = str(stored.hand)
     except (*_BROKEN, KeyError, RuntimeError) as error:
@@ -78,6 +79,13 @@ def load_weights(net: DmfcGraspNet, folder: Path) -> None:
 def _network_config(stored: Any) -> NetworkConfig:
     config = OmegaConf.merge(OmegaConf.structured(NetworkConfig), stored.network)
     return cast(NetworkConfig, OmegaConf.to_object(config))
+
+
+def _centre(config: NetworkConfig, hand: HandModel) -> torch.Tensor:
+    if config.offset_to == "origin":
+        return torch.zeros(3)
+    ahead = hand.palm_reference + config.offset_ahead * hand.palm_normal
+    return torch.from_numpy(ahead.astype(np.float32))
 
 
 def _inside(limit: np.ndarray, towards: float) -> torch.Tensor:

@@ -13,9 +13,8 @@ from torch import Tensor
 
 from dmfc.config.load import load_config
 from dmfc.config.losses import GraspSpace
-from dmfc.losses.chamfer import grasp_vector
 from dmfc.network.model import Prediction
-from dmfc.training.candidates import Batch, label_vectors
+from dmfc.training.candidates import Batch, label_vectors, prediction_vectors
 from dmfc.training.measures import label_errors
 from tests.benchmarks.trained import trained
 
@@ -27,9 +26,9 @@ def jumps(prediction: Prediction, batch: Batch, space: GraspSpace) -> Tensor:
 
     [p], the p seeds with a label in the order of `label_errors`; 0 where all have the same label.
     """
-    ours = grasp_vector(prediction.position, prediction.rotation6d, prediction.joints, space)
+    ours = prediction_vectors(prediction, space)
     labelled = batch["match"].any(-1)
-    apart = torch.cdist(ours, label_vectors(batch, space))
+    apart = torch.cdist(ours, label_vectors(batch, space, prediction.centre))
     nearest = apart.masked_fill(~batch["match"], torch.inf).argmin(-1)
     found = []
     for row, there in enumerate(labelled):

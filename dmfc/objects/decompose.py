@@ -1,0 +1,44 @@
+"""CoACD in a process of its own: `python decompose.py ARGUMENTS.npz PARTS.npz`.
+
+On a few meshes CoACD 1.0 ends its process (an assertion of its triangulation, or a segmentation
+fault), which nothing in that process can catch.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+
+def decompose(vertices: np.ndarray, faces: np.ndarray, **options: Any) -> list[np.ndarray] | None:
+    """Points [n, 3] of each convex part by `coacd.run_coacd`; None where CoACD crashed."""
+    with tempfile.TemporaryDirectory(prefix="dmfc-coacd-") as folder:
+        asked, answer = Path(folder, "asked.npz"), Path(folder, "parts.npz")
+        np.savez(asked, vertices=vertices, faces=faces, **options)
+        # -P: the modules beside this file are not to be found in place of others of their name.
+        command = [sys.executable, "-P", __file__, str(asked), str(answer)]
+        subprocess.run(command, check=False, capture_output=True)
+        if not answer.exists():
+            return None
+        with np.load(answer) as parts:
+            return [parts[f"arr_{k}"] for k in range(len(parts.files))]
+
+
+def _run(asked: str, answer: str) -> None:
+    import coacd
+
+    coacd.set_log_level("error")
+    with np.load(asked) as given:
+        options = {name: given[name] for name in given.files}
+    mesh = coacd.Mesh(options.pop("vertices"), options.pop("faces"))
+    parts = coacd.run_coacd(mesh, **{name: value.item() for name, value in options.items()})
+    np.savez(answer, *(np.asarray(points) for points, _ in parts))
+
+
+if __name__ == "__main__":
+    _run(*sys.argv[1:])
