@@ -225,3 +225,38 @@ def test_broken_meshes(mesh, why):
         prepare(source_of(mesh, "test/broken"), CONFIG)
     assert "test/broken" in str(info.value)
     assert "\n" not in str(info.value)
+
+
+def test_where_coacd_crashes_the_mesh_as_it_is_is_decomposed(tmp_path, monkeypatch):
+    """A stand-in for CoACD that ends its process, then decomposes; and one that never does."""
+    mesh = clean(two_boxes(), "test/mesh")
+    marker = tmp_path / "asked"
+    (tmp_path / "coacd.py").write_text(CRASHING.format(marker=str(marker)))
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    parts = convex_parts(mesh, CONFIG)
+    assert marker.read_text() == "xx"
+    assert len(parts) == 1 and trimesh.convex.convex_hull(parts[0]).volume == pytest.approx(1e-6)
+    (tmp_path / "coacd.py").write_text("import os\nos.abort()")
+    with pytest.raises(DmfcError, match="CoACD crashed"):
+        convex_parts(mesh, CONFIG)
+
+
+CRASHING = """
+import os, pathlib
+import numpy as np
+def set_log_level(level): pass
+def Mesh(vertices, faces): return vertices
+def run_coacd(mesh, **options):
+    with open({marker!r}, "a") as file:
+        file.write("x")
+    if pathlib.Path({marker!r}).stat().st_size == 1:
+        os.abort()
+    corners = np.array(np.meshgrid([0, 0.01], [0, 0.01], [0, 0.01])).reshape(3, 8).T
+    return [(corners, None)]
+"""
+
+
+def two_boxes() -> trimesh.Trimesh:
+    apart = trimesh.creation.box(BOX)
+    apart.apply_translation([0.2, 0, 0])
+    return trimesh.util.concatenate([trimesh.creation.box(BOX), apart])
