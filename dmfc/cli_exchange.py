@@ -15,8 +15,11 @@ from dmfc.cli_common import (
     Preset,
     Session,
     Store,
+    end_if_failed,
+    failures,
     require,
     show_rows,
+    with_failures,
 )
 from dmfc.errors import DmfcError, unknown_name
 
@@ -102,7 +105,10 @@ def grasps_export(
     store: Store = STORE,
     as_json: AsJson = False,
 ) -> None:
-    """Write grasps and objects as DexGraspBench reads them; its evaluator can score them."""
+    """Write grasps and objects as DexGraspBench reads them; its evaluator can score them.
+
+    An object that fails is a row with its reason, and the others are written.
+    """
     from dmfc.grasps.exchange import dexgraspbench
     from dmfc.grasps.exchange.hand_map import load_hand_map
     from dmfc.grasps.grasp_set import GraspSet
@@ -115,8 +121,9 @@ def grasps_export(
     objects = builder.selected_objects(config, selectors)
     sets = [builder.grasps_of(config, obj) for obj in objects]
     hand_stage = builder.hand(config)
-    stages = [hand_stage, *objects, *sets]
-    require(session.make(stages), stages)
+    outcomes = session.make([hand_stage, *objects, *sets])
+    require(outcomes, [hand_stage])
+    failed = failures(outcomes, sets)
 
     def folder(stage: Stage) -> Path:
         return session.ledger.folder(stage.address)
@@ -124,10 +131,14 @@ def grasps_export(
     hand = HandModel.load(folder(hand_stage) / "hand.npz")
     description = load_description(config.hand.name)
     mapped = load_hand_map(hand_map or "dexgraspbench")
-    rows = []
+    rows = {}
     for obj, planned in zip(objects, sets, strict=True):
+        if planned.name in failed:
+            continue
         model = ObjectModel.load(folder(obj) / "object.npz")
         grasps = GraspSet.load(folder(planned) / "grasps.parquet")
         count = dexgraspbench.write(grasps, mapped, hand, description, model, out)
-        rows.append({"object": model.id, "grasps": count})
-    show_rows(f"exported to {out}", rows, as_json)
+        rows[planned.name] = {"object": model.id, "grasps": count}
+    names = [stage.name for stage in sets]
+    show_rows(f"exported to {out}", with_failures(names, rows, failed), as_json)
+    end_if_failed(failed, len(sets))

@@ -31,8 +31,8 @@ class NetworkConfig:
 
     offset_to: Literal["origin", "grasp"] = setting(
         "origin",
-        "point of the hand that offsets lead to: the palm's origin, at the wrist, or `offset_ahead` "
-        "of the palm, where what is held is: then an error in rotation is none in position",
+        "point of the hand that offsets lead to: the palm's origin, at the wrist, or `offset_ahead`"
+        " of the palm, where the object is: then an error in rotation moves the fingers less",
     )
     offset_ahead: float = setting(
         0.04, "metres along the palm normal, from the palm's inner surface, of that point"

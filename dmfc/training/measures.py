@@ -15,8 +15,8 @@ from dmfc.training.candidates import Batch, label_centres, label_vectors, predic
 def label_errors(prediction: Prediction, batch: Batch, space: GraspSpace) -> dict[str, Tensor]:
     """Errors at each of the p seed points with a label, against the label nearest in grasp space.
 
-    translation_mm of the point of the hand that offsets lead to, rotation_deg, joints_deg (root mean
-    square over the joints): `[p]` each.
+    translation_mm of the point that offsets lead to, rotation_deg, joints_deg (root mean square
+    over the joints): `[p]` each.
     """
     prediction = prediction.float()
     centre = prediction.centre

@@ -51,7 +51,7 @@ def load_network(folder: Path, hand: HandModel) -> DmfcGraspNet:
 def load_alone(folder: Path) -> tuple[DmfcGraspNet, str]:
     """The trained network of a stage's `folder` and the name of its hand, without that hand.
 
-    Its joint limits and centre are those that the weights hold. Raises DmfcError where there is none.
+    Its joint limits and centre are those of the weights. Raises DmfcError where there is none.
     """
     try:
         tensors = load_file(folder / WEIGHTS)

@@ -67,6 +67,24 @@ def test_an_object_that_fails_is_a_row_and_the_others_are_planned_and_copied(dmf
     assert "singular matrix" in text
 
 
+def test_export_writes_the_others_where_an_object_fails(dmfc, tmp_path, monkeypatch):
+    """What is written of an object is tested in test_exchange."""
+
+    def write(grasps, hand_map, hand, description, model, folder):
+        (folder / model.id.replace("/", "__")).mkdir(parents=True)
+        return len(grasps)
+
+    monkeypatch.setattr("dmfc.grasps.exchange.dexgraspbench.write", write)
+    out = tmp_path / "out"
+    status, text, err = dmfc("grasps", "export", *MIXED, "--out", out, "--json")
+    assert status == 1
+    assert "2 of 4 objects failed" in err
+    rows = json.loads(text)
+    assert [row["grasps"] for row in rows] == [20, None, 20, None]
+    assert "the mesh has no volume" in rows[1]["failure"]
+    assert sorted(path.name for path in out.iterdir()) == ["shape__box", "shape__cup"]
+
+
 def test_status_of_planning(dmfc, tmp_path):
     assert dmfc("grasps", "plan", *GOOD)[0] == 0
     none = ["--set", "grasps.max_checks=0", "--json", "--out", tmp_path / "library"]
