@@ -171,7 +171,7 @@ class GraphBuilder:
         )
 
     def pretrain(self, config: Config) -> Stage:
-        """Stage 1: depends on no weight but that of the confidence term, and not on stage 2."""
+        """Stage 1: depends on chamfer and confidence, on no other term, and not on stage 2."""
         weights = LossWeights(
             chamfer=1.0,
             collision=0.0,
@@ -179,7 +179,8 @@ class GraphBuilder:
             q1_upper=0.0,
             confidence=config.losses.weights.confidence,
         )
-        losses = dataclasses.replace(without(config.losses, "q1", "q1_lower"), weights=weights)
+        unused = ("q1", "q1_lower", "units", "clamp", "self_collision")
+        losses = dataclasses.replace(without(config.losses, *unused), weights=weights)
         settings = {
             **self._learning(config),
             "losses": losses,

@@ -53,6 +53,8 @@ def test_table_one_shares_data_and_pretraining(builder):
     [
         ("losses.weights.collision=7", {"finetune", "evaluate"}),
         ("losses.q1.directions=728", {"finetune", "evaluate"}),
+        ("losses.units.guidance=0.5", {"finetune", "evaluate"}),
+        ("losses.grasp_space.length_unit=0.5", {"pretrain", "finetune", "evaluate"}),
         ("training.finetune.epochs=9", {"finetune", "evaluate"}),
         ("training.pretrain.epochs=9", {"pretrain", "finetune", "evaluate"}),
         ("losses.weights.confidence=7", {"pretrain", "finetune", "evaluate"}),
