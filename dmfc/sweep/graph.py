@@ -67,6 +67,13 @@ def without(settings: T, *fields: str) -> T:
     return dataclasses.replace(settings, **fresh)  # type: ignore[type-var]
 
 
+def _unused_in_pretraining(config: Config) -> tuple[str, ...]:
+    """Settings of `training` that choose hard samples, where that is left to fine-tuning."""
+    if config.training.hard_stages == "both":
+        return ()
+    return "hard_samples", "hard_error", "hard_scope", "rank_points"
+
+
 class GraphBuilder:
     """Builds stages from settings; equal settings give stages with equal keys."""
 
@@ -184,7 +191,7 @@ class GraphBuilder:
         settings = {
             **self._learning(config),
             "losses": losses,
-            "training": without(config.training, "finetune"),
+            "training": without(config.training, "finetune", *_unused_in_pretraining(config)),
         }
         name = f"{config.scenes.train.kind} seed {config.training.seed}"
         return self.stage("pretrain", name, settings, self._learning_inputs(config))

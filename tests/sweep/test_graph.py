@@ -56,6 +56,7 @@ def test_table_one_shares_data_and_pretraining(builder):
         ("losses.units.guidance=0.5", {"finetune", "evaluate"}),
         ("losses.grasp_space.length_unit=0.5", {"pretrain", "finetune", "evaluate"}),
         ("training.finetune.epochs=9", {"finetune", "evaluate"}),
+        ("training.hard_samples=9", {"pretrain", "finetune", "evaluate"}),
         ("training.pretrain.epochs=9", {"pretrain", "finetune", "evaluate"}),
         ("losses.weights.confidence=7", {"pretrain", "finetune", "evaluate"}),
         ("network.width=16", {"pretrain", "finetune", "evaluate"}),
@@ -81,6 +82,18 @@ def test_table_one_shares_data_and_pretraining(builder):
 )
 def test_a_setting_reruns_exactly_what_depends_on_it(builder, override, kinds):
     assert changed(builder, override) == kinds
+
+
+def test_how_hard_samples_are_chosen_in_finetuning_leaves_pretraining_alone(builder):
+    def kinds(*overrides):
+        config = load_config("smoke", ["training.hard_stages=finetune", *overrides])
+        return by_kind(builder.cell(config, "finetuned", "c").evaluations)
+
+    usual = kinds()
+    for override in ("training.hard_samples=9", "training.hard_scope=scene"):
+        other = kinds(override)
+        assert other["pretrain"] == usual["pretrain"]
+        assert other["finetune"] != usual["finetune"]
 
 
 def test_validation_is_its_own_objects_and_touches_training_alone(builder):
