@@ -28,7 +28,11 @@ class ExecutionConfig:
     approach_tolerance: float = setting(
         0.003, "penetration of open hand and table or object up to the grasp pose, metres"
     )
-    grasp_tolerance: float = setting(0.01, "penetration of the closed hand and its target, metres")
+    grasp_tolerance: float = setting(
+        0.03,
+        "penetration of the fingers at the angles they are closed to and their target, metres; "
+        "contact stops them before, as it does in the squeeze",
+    )
 
     start: Literal["rest", "pregrasp"] = setting(
         "rest", "the hand comes from its resting pose, or begins at the pre-grasp"
