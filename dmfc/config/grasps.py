@@ -32,7 +32,10 @@ class RefineConfig:
 class GraspsConfig:
     source: Literal["plan", "library", "either"] = setting(
         "plan",
-        "plan the grasps, take those that come with the package, or plan only what it lacks",
+        "plan the grasps, take those of the library, or plan only what it lacks",
+    )
+    library: str = setting(
+        "", "folder of grasp sets HAND/SOURCE__NAME.parquet; empty: the package's", later=True
     )
     per_object: int = setting(100, "verified grasps wanted per object")
     max_checks: int = setting(2000, "checks in MuJoCo per object before the planner gives up")

@@ -39,7 +39,7 @@ def build_config(overlays: Iterable[Overlay], base: Config | None = None) -> Con
     start = _schema() if base is None else OmegaConf.structured(base)
     try:
         merged = OmegaConf.merge(start, *(tree for _, tree in trees))
-    except OmegaConfBaseException:
+    except (OmegaConfBaseException, TypeError):
         raise _culprit(trees) from None
     try:
         return typing.cast(Config, OmegaConf.to_object(merged))
@@ -168,7 +168,7 @@ def _culprit(trees: Sequence[tuple[str, dict[str, Any]]]) -> DmfcError:
     for where, tree in trees:
         try:
             OmegaConf.merge(_schema(), tree)
-        except OmegaConfBaseException as error:
+        except (OmegaConfBaseException, TypeError) as error:
             return _one_line(error, where, tree)
     return DmfcError("the settings contradict each other")
 

@@ -88,3 +88,6 @@ class LossConfig:
     self_collision: bool = setting(True, "count the hand's own links among the meshes of collision")
     q1: Q1Config = setting(Q1Config, "the Q1 metric")
     q1_lower: Q1LowerConfig = setting(Q1LowerConfig, "its lower bound")
+    own: dict[str, float] = setting(
+        {}, "weights of terms of your own: {my_losses.py:function: 1}", later=True
+    )

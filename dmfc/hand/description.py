@@ -6,7 +6,9 @@ user's own); no other module knows a joint or a link by name.
 
 from __future__ import annotations
 
+import hashlib
 import io
+import re
 from dataclasses import dataclass, field
 from functools import lru_cache
 from importlib import resources
@@ -95,6 +97,38 @@ def load_description(name: str) -> HandDescription:
     except (OSError, UnicodeDecodeError) as error:
         raise DmfcError(f"hand description {path}: {error}") from error
     return _read(path, text)
+
+
+def own_hand_digest(name: str) -> str:
+    """SHA-256 of a user's YAML file, its MJCF and the files that this names; '' for a shipped hand.
+
+    Of a description that uses an asset pack, the YAML file alone: packs are pinned.
+    """
+    if not name.endswith((".yaml", ".yml")):
+        return ""
+    description = load_description(name)
+    files = [Path(name).expanduser()]
+    if not description.pack:
+        files += _mjcf_files(Path(description.directory) / description.mjcf)
+    digests = [hashlib.sha256(path.read_bytes()).digest() for path in files]
+    return hashlib.sha256(b"".join(digests)).hexdigest()
+
+
+def _mjcf_files(mjcf: Path) -> list[Path]:
+    """An MJCF file and those that it includes or takes meshes from, as far as they are there."""
+    found: list[Path] = []
+    folders, waiting = {""}, [mjcf]
+    while waiting:
+        path = waiting.pop(0)
+        if path in found or not path.is_file():
+            continue
+        found.append(path)
+        if path.suffix == ".xml":
+            text = path.read_text(encoding="utf-8", errors="replace")
+            folders |= set(re.findall(r"""(?:mesh|asset)dir=["']([^"']*)""", text))
+            names = re.findall(r"""\bfile=["']([^"']+)""", text)
+            waiting += [mjcf.parent / folder / item for item in names for folder in sorted(folders)]
+    return found
 
 
 @lru_cache(maxsize=8)

@@ -48,6 +48,8 @@ def hand_spec(description: HandDescription) -> mujoco.MjSpec:
         raise DmfcError(f"hand '{description.name}': no body '{description.palm}' (key palm)")
     for joint in list(palm.joints):
         source.delete(joint)
+    for number, actuator in enumerate(source.actuators):
+        actuator.name = actuator.name or f"actuator-{number}"  # they are looked up by name
     spec = mujoco.MjSpec()
     for option in ("impratio", "integrator", "cone"):  # MuJoCo warns where they differ
         setattr(spec.option, option, getattr(source.option, option))

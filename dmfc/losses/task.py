@@ -16,6 +16,7 @@ from dmfc.losses.atlas import SceneObjects
 from dmfc.losses.clamp import clamp_joints
 from dmfc.losses.collision import SelfCollision, collision
 from dmfc.losses.guidance import guidance
+from dmfc.losses.own import OwnTerms, PlacedHands
 from dmfc.losses.q1 import grasp_contacts, q1_of_contacts
 from dmfc.losses.q1_lower import q1_lower_of_contacts
 
@@ -29,26 +30,31 @@ def active_terms(weights: LossWeights) -> list[str]:
     return [name for name in TERMS if getattr(weights, name) != 0]
 
 
-def weighted_sum(terms: Mapping[str, Tensor], weights: LossWeights) -> Tensor:
+def weighted_sum(
+    terms: Mapping[str, Tensor], weights: LossWeights, own: Mapping[str, float] | None = None
+) -> Tensor:
     """task_i = sum over the given terms of weight * term_i, [n].
 
-    Raises DmfcError for a term that has no weight, ValueError without a term.
+    `own`: weights of the user's terms by their names. Raises DmfcError for a term that has no
+    weight, ValueError without a term.
     """
     if not terms:
         raise ValueError("a task loss needs a term")
+    known = {name: getattr(weights, name) for name in TERMS} | dict(own or {})
     for name in terms:
-        if name not in TERMS:
-            raise unknown_name("loss", name, TERMS)
-    return torch.stack([getattr(weights, name) * value for name, value in terms.items()]).sum(0)
+        if name not in known:
+            raise unknown_name("loss", name, known)
+    return torch.stack([known[name] * value for name, value in terms.items()]).sum(0)
 
 
 class SceneTerms:
-    """Collision, guidance and Q1 of grasps of one hand."""
+    """Collision, guidance, Q1 and the user's own terms of grasps of one hand."""
 
     def __init__(self, hand: HandModel, config: LossConfig) -> None:
         self.config = config
         self.kinematics = HandKinematics(hand)
         self.self_collision = SelfCollision(hand) if config.self_collision else None
+        self.own = OwnTerms(config.own)
         self.lower, self.upper = torch.from_numpy(hand.lower), torch.from_numpy(hand.upper)
 
     def __call__(
@@ -67,20 +73,22 @@ class SceneTerms:
         """
         held = clamp_joints(joints, self.lower.to(joints), self.upper.to(joints), self.config.clamp)
         T_world_link = self.kinematics.links(transform(rotation, position), held)
+        hands = PlacedHands(position, rotation, held, T_world_link, objects, self.kinematics)
         terms: dict[str, Tensor] = {}
         if "collision" in names:
-            points = self.kinematics.collision_points_of_links(T_world_link)
-            value = collision(points, objects, T_world_link, self.self_collision)
+            value = collision(hands.points, objects, T_world_link, self.self_collision)
             terms["collision"] = value / self.config.units.collision**2
-        inner, _ = self.kinematics.inner_points_of_links(T_world_link)
         if "guidance" in names:
-            terms["guidance"] = guidance(inner, objects) / self.config.units.guidance**2
+            terms["guidance"] = guidance(hands.inner, objects) / self.config.units.guidance**2
         if Q1_TERMS & set(names):
             q1 = self.config.q1
-            contacts = grasp_contacts(inner, objects, q1)
+            contacts = grasp_contacts(hands.inner, objects, q1)
             if "q1_upper" in names:
                 terms["q1_upper"] = torch.exp(-q1_of_contacts(*contacts, q1))
             if "q1_lower" in names:
                 lower = q1_lower_of_contacts(*contacts, q1, self.config.q1_lower)
                 terms["q1_lower"] = torch.exp(-lower)
+        for name in self.own.names:
+            if name in names:
+                terms[name] = self.own(name, hands)
         return terms

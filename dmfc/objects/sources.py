@@ -8,6 +8,8 @@ A selector is one of
     ycb:test                a named subset: the 16 test objects of the paper
     procedural:20?from=100  twenty generated objects, beginning with number 100
     folder:/path?unit=mm    the user's own mesh file or folder of mesh files (m, cm, mm, inch)
+    rings.py:rings          what a function in a file of the user's own lists (`dmfc.objects.own`)
+    rings.py:rings/small    one of them
 
 Listing reads no mesh, but downloads the pack of a source that needs one.
 """
@@ -112,7 +114,7 @@ def find_object(selector: str) -> ObjectSource:
 
 def _select(selector: str) -> list[ObjectSource]:
     head, colon, rest = selector.partition(":")
-    if not colon and "/" in selector:
+    if not colon and "/" in selector and not head.endswith(".py"):
         head, _, rest = selector.partition("/")
         by_name = True
     else:
@@ -121,9 +123,13 @@ def _select(selector: str) -> list[ObjectSource]:
         return _from_folder(rest, selector)
     if head == "procedural":
         return _procedural(rest, selector, by_name)
+    if head.endswith(".py"):
+        from dmfc.objects.own import own_sources
+
+        return own_sources(head, rest, selector)
     makers = {"ycb": _ycb, "household": _household, "random": _random}
     if head not in makers:
-        raise unknown_name("object source", head, [*makers, "procedural", "folder"])
+        raise unknown_name("object source", head, [*makers, "procedural", "folder", "FILE.py"])
     everything = makers[head]()
     if not rest:
         return everything

@@ -16,15 +16,14 @@ def model_card(stage: Path, name: str, measured: str = "") -> str:
     settings: Any = OmegaConf.load(stage / "config.yaml")
     record = _json(stage / "stage.json")
     summary = _json(stage / "summary.json")
+    weights = {**settings.losses.weights, **settings.losses.get("own", {})}
     rows = {
         "network": f"PointNet++, {settings.network.levels[0]} grasps per cloud, "
         f"{_or_unknown(summary.get('parameters'))} parameters",
         "hand": settings.hand,
         "trained with": f"stage {settings.stage}, {_or_unknown(summary.get('epochs'))} epochs, "
         f"batch {settings.training.batch_size}, seed {settings.training.seed}",
-        "losses": ", ".join(
-            f"{term} {weight:g}" for term, weight in settings.losses.weights.items() if weight
-        ),
+        "losses": ", ".join(f"{term} {weight:g}" for term, weight in weights.items() if weight),
         "data": _data(stage, record),
         "code": f"commit {str(record.get('commit') or 'unknown')[:7]}",
         "key of the stage": f"{record.get('kind', '?')}/{record.get('key', '?')}",

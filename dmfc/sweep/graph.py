@@ -13,11 +13,13 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from dmfc.config.losses import LossWeights, Q1Config
+from dmfc.config.own_function import own_function
 from dmfc.config.protocol import executed
 from dmfc.config.scenes import SceneSetConfig
 from dmfc.config.schema import Config
 from dmfc.errors import DmfcError
-from dmfc.grasps.library import file_digest, in_library, library_file
+from dmfc.grasps.library import file_digest, in_library, library_file, library_folder
+from dmfc.hand.description import own_hand_digest
 from dmfc.sweep.kinds import KINDS, Registry, kind_of
 from dmfc.sweep.stage import Stage
 
@@ -101,8 +103,10 @@ class GraphBuilder:
         return Stage(kind, name, version, config, inputs or {}, hints or {})
 
     def hand(self, config: Config) -> Stage:
-        """The hand's model."""
-        return self.stage("hand", config.hand.name, {"hand": config.hand})
+        """The hand's model; of a user's own hand, what its files hold counts, too."""
+        own = own_hand_digest(config.hand.name)
+        files = {"files": own} if own else {}
+        return self.stage("hand", config.hand.name, {"hand": config.hand, **files})
 
     def objects(self, config: Config, split: str) -> tuple[Stage, ...]:
         """The prepared objects of a split: train, validation or test. DmfcError if it is empty."""
@@ -130,7 +134,7 @@ class GraphBuilder:
             return self.stage("grasps", obj.name, taken, hints={"file": str(path)})
         settings = {
             "hand": config.hand,
-            "grasps": without(config.grasps, "source"),
+            "grasps": without(config.grasps, "source", "library"),
             "physics": config.physics,
             # Not losses.q1: a cell that learns with another metric keeps the same labels.
             "q1": Q1Config(),
@@ -139,10 +143,11 @@ class GraphBuilder:
 
     def _from_library(self, config: Config, obj: Stage) -> Path | None:
         """The library's grasps of an object, where `grasps.source` wants them; None: plan."""
-        source = config.grasps.source
-        if source == "plan" or (source == "either" and not in_library(config.hand.name, obj.name)):
+        source, folder = config.grasps.source, library_folder(config.grasps.library)
+        there = in_library(config.hand.name, obj.name, folder)
+        if source == "plan" or (source == "either" and not there):
             return None
-        return library_file(config.hand.name, obj.name)
+        return library_file(config.hand.name, obj.name, folder)
 
     def scenes(self, config: Config, split: str) -> tuple[Stage, ...]:
         """The shards of a scene set."""
@@ -186,7 +191,7 @@ class GraphBuilder:
             q1_upper=0.0,
             confidence=config.losses.weights.confidence,
         )
-        unused = ("q1", "q1_lower", "units", "clamp", "self_collision")
+        unused = ("q1", "q1_lower", "units", "clamp", "self_collision", "own")
         losses = dataclasses.replace(without(config.losses, *unused), weights=weights)
         settings = {
             **self._learning(config),
@@ -203,6 +208,9 @@ class GraphBuilder:
             "losses": config.losses,
             "training": without(config.training, "pretrain"),
         }
+        if config.losses.own:
+            own = {text: own_function(text, "losses.own").digest for text in config.losses.own}
+            settings["own_losses"] = own
         inputs: Inputs = {**self._learning_inputs(config), "weights": self.pretrain(config)}
         return self.stage("finetune", f"{name} seed {config.training.seed}", settings, inputs)
 

@@ -236,6 +236,7 @@ def _train(ctx: StageContext, stage: Literal["pretrain", "finetune"], weights: P
     from dmfc.training.settings import FitConfig
 
     training = ctx.config["training"]
+    check_own_losses(ctx.config.get("own_losses", {}))
     hand, atlas = training_geometry(ctx.inputs)
     grasps = _grasp_sets(present(ctx.input_list("grasps")))
     if not any(len(found) for found in grasps.values()):
@@ -264,6 +265,15 @@ def _train(ctx: StageContext, stage: Literal["pretrain", "finetune"], weights: P
     config = FitConfig(ctx.config["network"], ctx.config["losses"], training, validation)
     digest = data_digest(ctx.inputs)
     fit(stage, config, hand, data, atlas, ctx.out, ctx.work, weights, digest, ctx.progress)
+
+
+def check_own_losses(digests: Mapping[str, str]) -> None:
+    """Raises DmfcError where the file of a user's loss is not the one that the stage's key says."""
+    from dmfc.config.own_function import own_function
+
+    for text, digest in digests.items():
+        if own_function(text, "losses.own").digest != digest:
+            raise DmfcError(f"losses.own: the file of '{text}' has changed since: run it again")
 
 
 def training_geometry(

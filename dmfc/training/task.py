@@ -13,6 +13,7 @@ from dmfc.config.losses import LossConfig, LossWeights
 from dmfc.errors import DmfcError
 from dmfc.hand.model import HandModel
 from dmfc.losses.atlas import ObjectAtlas, SceneObjects
+from dmfc.losses.own import term_name
 from dmfc.losses.task import SceneTerms, active_terms, weighted_sum
 from dmfc.network.model import Prediction
 from dmfc.training.candidates import Batch, Candidates
@@ -44,7 +45,10 @@ class Task:
         self.weights = config.weights
         if stage == "pretrain":
             self.weights = LossWeights(1.0, 0.0, 0.0, 0.0, confidence=config.weights.confidence)
-        self.names = active_terms(self.weights)
+            config = dataclasses.replace(config, own={})
+        self.own = {term_name(text): weight for text, weight in config.own.items()}
+        own = [name for name, weight in self.own.items() if weight != 0]
+        self.names = [*active_terms(self.weights), *own]
         if not self.names:
             raise DmfcError(f"{stage} has no loss: every one of losses.weights is 0")
         self.of_scene = [name for name in self.names if name != "chamfer"]
@@ -79,7 +83,7 @@ class Task:
 
     def total(self, terms: dict[str, Tensor]) -> Tensor:
         """task_i = w1 chamfer + w2 collision + w3 guidance + w4 q1_upper + ..., `[n]`."""
-        return weighted_sum(terms, self.weights)
+        return weighted_sum(terms, self.weights, self.own)
 
     def _terms(
         self, rows: Candidates, batch: Batch, compute: SceneTerms, of_scene: Collection[str]

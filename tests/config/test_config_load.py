@@ -60,6 +60,8 @@ def test_settings_are_frozen():
         ("training.batch_size=true", ["training.batch_size"]),
         ("losses.clamp=harder", ["losses.clamp", "hard", "straight_through", "soft"]),
         ("objects.train=ycb", ["objects.train", "wants a list", "ycb"]),
+        ("losses.own={a.py:b: much}", ["losses.own.a.py:b", "much", "Float"]),
+        ("losses.own=[a]", ["--set losses.own=[a]"]),
         ("training=3", ["'training' is a group"]),
         ("training.batch_size", ["key=value"]),
         ("hand.name=${nothing}", ["hand.name", "nothing"]),

@@ -12,6 +12,7 @@ from dmfc.config.hand import HandConfig
 from dmfc.errors import DmfcError
 from dmfc.hand.build import build_hand
 from dmfc.hand.kinematics import HandKinematics
+from dmfc.hand.mjcf import dof_actuators, hand_spec, load_description
 
 MJCF = """
 <mujoco><compiler angle="radian"/><worldbody><body name="palm" pos="0 0 1" quat="0 1 0 0">
@@ -83,3 +84,14 @@ def test_joints_that_a_hand_model_cannot_hold(tmp_path: Path) -> None:
         (tmp_path / "small.yaml").write_text(YAML.format(inner="far: [[[0, 0, 0.01], [0, -1, 0]]]"))
         with pytest.raises(DmfcError, match=message):
             build_hand(HandConfig(name=str(tmp_path / "small.yaml")))
+
+
+def test_actuators_need_no_names(tmp_path: Path) -> None:
+    build(tmp_path)
+    named = load_description(str(tmp_path / "small.yaml"))
+    (expected,) = dof_actuators(hand_spec(named), named)
+    assert expected == "hand/a1"
+    (tmp_path / "hand.xml").write_text((tmp_path / "hand.xml").read_text().replace('name="a1"', ""))
+    spec = hand_spec(named)
+    (name,) = dof_actuators(spec, named)
+    assert spec.actuator(name).target == "hand/j1"

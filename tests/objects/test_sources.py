@@ -113,6 +113,61 @@ def test_folder(tmp_path):
         found[0].load()
 
 
+OWN = """
+import trimesh
+from dmfc.objects.own import OwnObject
+
+def boxes():
+    return [OwnObject(f"box-{n}", lambda: trimesh.creation.box((0.04, 0.05, 0.06)), mass=0.2)
+            for n in (1, 2)] + [OwnObject("odd", lambda: 1)]
+
+def wrong():
+    return [OwnObject("a b", lambda: None)]
+
+def twice():
+    return 2 * boxes()
+
+def nothing():
+    return {}
+"""
+
+
+def test_a_source_of_the_users_own(tmp_path, monkeypatch):
+    (tmp_path / "mine.py").write_text(OWN)
+    monkeypatch.chdir(tmp_path)
+    found = list_objects(["mine.py:boxes"])
+    assert [source.id for source in found] == ["own/box-1", "own/box-2", "own/odd"]
+    assert len({source.digest for source in found}) == 3
+    (one,) = list_objects(["mine.py:boxes/box-2"])
+    assert (one.digest, one.mass) == (found[1].digest, 0.2)
+    np.testing.assert_allclose(one.load().extents, [0.04, 0.05, 0.06])
+    monkeypatch.chdir("/")
+    assert find_object(one.selector).digest == one.digest  # as a worker elsewhere finds it
+    (tmp_path / "mine.py").write_text(OWN.replace("0.06", "0.07"))
+    assert find_object(one.selector).digest != one.digest
+    np.testing.assert_allclose(find_object(one.selector).load().extents, [0.04, 0.05, 0.07])
+
+
+@pytest.mark.parametrize(
+    ("selector", "message"),
+    [
+        ("mine.py:boxes/box-3", "unknown object of 'mine.py:boxes' 'box-3'; did you mean"),
+        ("mine.py:boxs", "unknown function of mine.py 'boxs'; did you mean 'boxes'"),
+        ("mine.py", "not of the form file.py:function"),
+        ("./mine.py", "not of the form file.py:function"),
+        ("mine.py:wrong", "'a b' is no name"),
+        ("mine.py:twice", "given twice"),
+        ("mine.py:nothing", r"nothing\(\) must give a list of OwnObject"),
+    ],
+)
+def test_wrong_sources_of_the_users_own(tmp_path, monkeypatch, selector, message):
+    (tmp_path / "mine.py").write_text(OWN)
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(DmfcError, match=message) as raised:
+        list_objects([selector])
+    assert "\n" not in str(raised.value)
+
+
 @settings(max_examples=40, deadline=None)
 @given(number=st.integers(0, 5000))
 def test_generated_shapes(number):

@@ -5,11 +5,13 @@ from collections import Counter
 import pytest
 
 from dmfc.config.load import load_config
+from dmfc.config.own_function import own_function
 from dmfc.errors import DmfcError
 from dmfc.grasps.library import file_digest, library_file
 from dmfc.sweep.graph import GraphBuilder, ObjectRef, without
 from dmfc.sweep.plan import plan_sweep
 from dmfc.sweep.stage import closure
+from dmfc.sweep.stages import check_own_losses
 from dmfc.sweep.sweep_file import load_sweep
 from tests.sweep.fake_science import fake_refs
 
@@ -74,6 +76,8 @@ def test_table_one_shares_data_and_pretraining(builder):
             "objects.prepare.sdf_spacing=0.006",
             {"object", "grasps", "scenes", "pretrain", "finetune", "evaluate"},
         ),
+        ("losses.own={}", set()),
+        ("grasps.library=''", set()),
         ("training.threads=4", set()),
         ("training.loader_workers=2", set()),
         ("run.cpus=1", set()),
@@ -94,6 +98,58 @@ def test_how_hard_samples_are_chosen_in_finetuning_leaves_pretraining_alone(buil
         other = kinds(override)
         assert other["pretrain"] == usual["pretrain"]
         assert other["finetune"] != usual["finetune"]
+
+
+def keys(builder, *overrides):
+    return by_kind(builder.cell(load_config("smoke", overrides), "finetuned", "c").evaluations)
+
+
+def test_a_loss_of_the_users_own_reruns_what_learns_with_it_whenever_its_file_changes(
+    builder, tmp_path
+):
+    file = tmp_path / "mine.py"
+    file.write_text("def high(hands):\n    return hands.position[:, 2]\n")
+    override = f"losses.own={{{file}:high: 1}}"
+    assert changed(builder, override) == {"finetune", "evaluate"}
+    before = keys(builder, override)
+    file.write_text("def high(hands):\n    return -hands.position[:, 2]\n")
+    after = keys(builder, override)
+    assert {kind for kind in before if before[kind] != after[kind]} == {"finetune", "evaluate"}
+    with pytest.raises(DmfcError, match=r"unknown function of .* 'hihg'; did you mean 'high'"):
+        keys(builder, f"losses.own={{{file}:hihg: 1}}")
+
+
+def test_a_loss_that_changed_after_the_sweep_began_is_refused(tmp_path):
+    file = tmp_path / "mine.py"
+    file.write_text("def high(hands): ...\n")
+    digest = own_function(f"{file}:high", "losses.own").digest
+    check_own_losses({f"{file}:high": digest})
+    file.write_text("def high(hands): return 1\n")
+    with pytest.raises(DmfcError, match="has changed since"):
+        check_own_losses({f"{file}:high": digest})
+
+
+def test_a_hand_of_the_users_own_reruns_all_that_has_a_hand_whenever_its_files_change(
+    builder, tmp_path
+):
+    mjcf = tmp_path / "hand.xml"
+    mjcf.write_text('<mujoco><compiler meshdir="parts"/><mesh file="palm.stl"/></mujoco>')
+    (tmp_path / "hand.yaml").write_text("name: mine\nmjcf: hand.xml\npalm: palm\n")
+    (tmp_path / "parts").mkdir()
+    mesh = tmp_path / "parts" / "palm.stl"
+    mesh.write_text("one")
+    override = f"hand.name={tmp_path / 'hand.yaml'}"
+    with_hand = {"hand", "grasps", "scenes", "pretrain", "finetune", "evaluate"}
+    for change in (
+        lambda: mesh.write_text("two"),
+        lambda: mjcf.write_text(mjcf.read_text() + " "),
+        lambda: (tmp_path / "hand.yaml").write_text("name: ours\nmjcf: hand.xml\npalm: palm\n"),
+    ):
+        before = keys(builder, override)
+        assert keys(builder, override) == before
+        change()
+        after = keys(builder, override)
+        assert {kind for kind in before if before[kind] != after[kind]} == with_hand
 
 
 def test_validation_is_its_own_objects_and_touches_training_alone(builder):
@@ -176,3 +232,18 @@ def test_either_plans_what_the_library_lacks_and_nothing_else():
     assert missing.key == planned[1].key
     with pytest.raises(DmfcError, match=r"can-9005.* set grasps\.source=either"):
         builder.grasps(load_config("smoke", ["grasps.source=library"]), "train")
+
+
+def test_a_library_of_the_users_own_stands_in_for_the_packages(tmp_path):
+    refs = [ObjectRef("procedural/can-0005", "d"), ObjectRef("own/ring", "d")]
+    builder = GraphBuilder(lambda selectors: refs)
+    file = tmp_path / "shadow" / "own__ring.parquet"
+    file.parent.mkdir()
+    file.write_bytes(b"grasps")
+    mine = ["grasps.source=either", f"grasps.library={tmp_path}"]
+    planned, taken = builder.grasps(load_config("smoke", mine), "train")
+    assert taken.config["library"] == file_digest(file)
+    assert taken.hints["file"] == str(file)
+    assert planned.key == builder.grasps(load_config("smoke", []), "train")[0].key
+    with pytest.raises(DmfcError, match=r"grasps\.library: .*nowhere is not a folder"):
+        builder.grasps(load_config("smoke", ["grasps.library=nowhere"]), "train")

@@ -49,6 +49,22 @@ def test_pretraining_is_chamfer_at_labelled_seeds_whatever_the_weights():
     torch.testing.assert_close(stage.total(terms), rows.chamfer)
 
 
+def test_a_term_of_the_users_own_counts_in_fine_tuning(tmp_path):
+    file = tmp_path / "mine.py"
+    file.write_text("def high(hands):\n    return hands.position[:, 2].abs()\n")
+    predicted, batch = prediction()
+    losses = dataclasses.replace(LOSSES, own={f"{file}:high": 3.0})
+    stage, plain = task(losses=losses, rank_points=20), task(rank_points=20)
+    rows = stage.candidates(predicted, batch)
+    terms = stage.terms(rows, batch)
+    torch.testing.assert_close(terms["own_high"], rows.position[:, 2].abs())
+    more = 3 * rows.position[:, 2].abs()
+    torch.testing.assert_close(stage.total(terms), plain.total(plain.terms(rows, batch)) + more)
+    torch.testing.assert_close(stage.errors(rows, batch), plain.errors(rows, batch) + more)
+    assert task("pretrain", losses).names == ["chamfer"]
+    assert "own_high" not in task(losses=dataclasses.replace(LOSSES, own={f"{file}:high": 0})).names
+
+
 def test_chamfer_of_rows_equals_a_loop_over_labels():
     predicted, batch = prediction()
     rows = Candidates.of(predicted, batch, GraspSpace(length_unit=1.0, joint_weight=0.5))
