@@ -18,6 +18,9 @@ class ExecutionConfig:
     )
     grasps_per_scene: int = setting(4, "K")
     min_confidence: float = setting(0.15, "predictions below this are dropped")
+    most_confident: int = setting(
+        0, "predictions left of those, the most confident, before K are spread; 0: all"
+    )
     seed: int = setting(0, "seed of the random row")
     random_offset: float = setting(0.1, "random row: palm within this of a seed point, metres")
 

@@ -101,10 +101,12 @@ def at_random(scene: Scene, hand: HandModel, config: ExecutionConfig) -> GraspCa
 def select(candidates: GraspCandidates, config: ExecutionConfig) -> GraspCandidates:
     """At most K: those of enough confidence, spread by farthest point sampling of palm positions.
 
-    The first is the most confident. Ties keep their order.
+    Farthest points are outliers: `most_confident` bounds how far down they may be looked for. The
+    first is the most confident. Ties keep their order.
     """
     rows = np.argsort(-candidates.confidence, kind="stable")
     rows = rows[candidates.confidence[rows] >= config.min_confidence]
+    rows = rows[: config.most_confident or None]
     if len(rows) > config.grasps_per_scene:
         spread = farthest_points(candidates.position[rows], config.grasps_per_scene)
         rows = rows[spread]

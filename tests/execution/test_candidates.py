@@ -126,3 +126,14 @@ def test_random_grasps_know_nothing_but_the_cloud(hand: HandModel) -> None:
     # Uniform rotations: every column is spread evenly over the sphere.
     assert np.abs(found.rotation.mean(axis=0)).max() < 0.12
     assert np.linalg.det(found.rotation) == pytest.approx(1.0)
+
+
+def test_farthest_points_are_looked_for_among_the_most_confident_alone() -> None:
+    """On a line, less and less confident: K of the first 8 are its ends and what lies between."""
+    line = some(20)
+    line.position[:] = np.arange(20)[:, None]
+    line.confidence[:] = np.linspace(1.0, 0.5, 20)
+    few = dataclasses.replace(CONFIG, grasps_per_scene=2, most_confident=8)
+    assert select(line, few).position[:, 0].tolist() == [0.0, 7.0]
+    every = dataclasses.replace(few, most_confident=0)
+    assert select(line, every).position[:, 0].tolist() == [0.0, 19.0]
