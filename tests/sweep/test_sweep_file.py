@@ -90,9 +90,8 @@ def test_table_one_is_the_papers():
         weights = cell_config(sweep, cells[name], 0, "paper", []).losses.weights
         alone = {"chamfer": 0.0, "collision": 0.0, "guidance": 0.0, "q1_upper": 0.0, name: 1.0}
         assert {term: getattr(weights, term) for term in alone} == alone
-        assert weights.confidence == 1.0
     weights = cell_config(sweep, cells["all"], 0, "paper", []).losses.weights
-    assert weights.chamfer == weights.collision == weights.guidance == weights.q1_upper == 1.0
+    assert min(getattr(weights, term) for term in alone) > 0
 
 
 def test_table_two_has_ten_thousand_scenes_of_several_objects():
