@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import pytest
@@ -11,10 +12,11 @@ from dmfc.config.protocol import executed
 from dmfc.errors import DmfcError
 
 
-def test_the_papers_protocol_is_what_the_settings_say() -> None:
+def test_the_papers_protocol_is_what_the_settings_say_but_for_the_squeeze() -> None:
     assert set(shipped_names("protocols")) == {"paper", "dexgraspbench"}
     config = load_config("quick", ["physics.hand_friction=0.8"])
-    assert executed(config) == config
+    squeezed = dataclasses.replace(config.hand, squeeze=0.5)
+    assert executed(config) == dataclasses.replace(config, hand=squeezed)
 
 
 def test_the_peers_published_parameters() -> None:
