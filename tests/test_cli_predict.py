@@ -65,7 +65,7 @@ def test_a_depth_image_gives_grasps_in_the_world(dmfc, tmp_path):
     assert status == 0
     grasps = json.loads(out)["grasps"]
     palms = np.array([grasp["T_cloud_palm"] for grasp in grasps])[:, :3, 3]
-    assert np.linalg.norm(palms - [0, 0, 0.06], axis=1).max() < 0.35
+    assert np.linalg.norm(palms[:100] - [0, 0, 0.06], axis=1).max() < 0.25  # the most confident
     status, _, err = dmfc(*call, "--pose", tmp_path / "T.txt")
     assert status == 1
     assert "a table was left in the cloud" in err
