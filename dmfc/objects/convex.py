@@ -37,7 +37,9 @@ def convex_parts(mesh: CleanMesh, config: PrepareConfig) -> list[np.ndarray]:
     if pieces is None and solid:
         pieces = _decomposed(mesh.vertices, mesh.faces, True, threshold, config)
     if pieces is None:
-        raise DmfcError("CoACD crashed on the mesh, simplified and as it is")
+        raise DmfcError(
+            "CoACD crashed on the mesh, simplified and as it is (objects.prepare.convex_*)"
+        )
     parts = [_hull(points) for points in pieces]
     kept = [_thinned(part, config.convex_vertices) for part in parts if part is not None]
     return kept or [_thinned(vertices[hull.vertices], config.convex_vertices)]

@@ -1,4 +1,4 @@
-"""CoACD in a process of its own: `python decompose.py ARGUMENTS.npz PARTS.npz`.
+"""CoACD in a process of its own: `python -m dmfc.objects.decompose ARGUMENTS.npz PARTS.npz`.
 
 On a few meshes CoACD 1.0 ends its process (an assertion of its triangulation, or a segmentation
 fault), which nothing in that process can catch.
@@ -14,17 +14,24 @@ from typing import Any
 
 import numpy as np
 
+from dmfc.errors import DmfcError
+
 
 def decompose(vertices: np.ndarray, faces: np.ndarray, **options: Any) -> list[np.ndarray] | None:
-    """Points [n, 3] of each convex part by `coacd.run_coacd`; None where CoACD crashed."""
+    """Points [n, 3] of each convex part by `coacd.run_coacd`; None where CoACD crashed.
+
+    Raises DmfcError where its process failed otherwise (no CoACD, no memory, no disk).
+    """
     with tempfile.TemporaryDirectory(prefix="dmfc-coacd-") as folder:
         asked, answer = Path(folder, "asked.npz"), Path(folder, "parts.npz")
         np.savez(asked, vertices=vertices, faces=faces, **options)
-        # -P: the modules beside this file are not to be found in place of others of their name.
-        command = [sys.executable, "-P", __file__, str(asked), str(answer)]
-        subprocess.run(command, check=False, capture_output=True)
-        if not answer.exists():
+        command = [sys.executable, "-P", "-m", __name__, str(asked), str(answer)]
+        ended = subprocess.run(command, check=False, capture_output=True, text=True)
+        if ended.returncode < 0:  # by a signal
             return None
+        if ended.returncode > 0:
+            reason = (ended.stderr.strip().splitlines() or ["no reason given"])[-1]
+            raise DmfcError(f"the convex decomposition failed: {reason}")
         with np.load(answer) as parts:
             return [parts[f"arr_{k}"] for k in range(len(parts.files))]
 

@@ -240,6 +240,9 @@ def test_where_coacd_crashes_the_mesh_as_it_is_is_decomposed(tmp_path, monkeypat
     (tmp_path / "coacd.py").write_text("import os\nos.abort()")
     with pytest.raises(DmfcError, match="CoACD crashed"):
         convex_parts(mesh, CONFIG)
+    (tmp_path / "coacd.py").write_text("raise ImportError('no CoACD here')")
+    with pytest.raises(DmfcError, match="decomposition failed: ImportError: no CoACD here"):
+        convex_parts(mesh, CONFIG)
 
 
 CRASHING = """
