@@ -38,6 +38,12 @@ class TrainingConfig:
     hard_stages: Literal["both", "finetune"] = setting(
         "both", "stages in which only the hardest count; the paper chooses 'during training'"
     )
+    finetune_seeds: Literal["all", "labelled"] = setting(
+        "all",
+        "seed points whose predictions have the task loss in fine-tuning; of those without a label "
+        "it has no chamfer, so that they look like the better ones; labelled: not they",
+        later=True,
+    )
     rank_points: int = setting(
         250, "collision points of the hand used to find the hardest; 0: all, the exact ranking"
     )

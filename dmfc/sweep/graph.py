@@ -26,6 +26,8 @@ from dmfc.sweep.stage import Stage
 T = TypeVar("T")
 WEIGHTS = "weights.safetensors"
 """The file by which a trained model is known."""
+HARD_SAMPLES = "hard_samples", "hard_error", "hard_scope", "rank_points"
+"""Settings of `training` that choose hard samples."""
 Inputs = dict[str, Stage | tuple[Stage, ...]]
 
 
@@ -70,10 +72,9 @@ def without(settings: T, *fields: str) -> T:
 
 
 def _unused_in_pretraining(config: Config) -> tuple[str, ...]:
-    """Settings of `training` that choose hard samples, where that is left to fine-tuning."""
-    if config.training.hard_stages == "both":
-        return ()
-    return "hard_samples", "hard_error", "hard_scope", "rank_points"
+    """Settings of `training` that are of fine-tuning, or are left to it."""
+    chosen = () if config.training.hard_stages == "both" else HARD_SAMPLES
+    return "finetune", "finetune_seeds", *chosen
 
 
 class GraphBuilder:
@@ -196,7 +197,7 @@ class GraphBuilder:
         settings = {
             **self._learning(config),
             "losses": losses,
-            "training": without(config.training, "finetune", *_unused_in_pretraining(config)),
+            "training": without(config.training, *_unused_in_pretraining(config)),
         }
         name = f"{config.scenes.train.kind} seed {config.training.seed}"
         return self.stage("pretrain", name, settings, self._learning_inputs(config))

@@ -59,7 +59,8 @@ def fit(
     net = new_network(config.network, hand)
     if init_weights is not None:
         load_weights(net, init_weights)
-    task = Task(stage, config.losses, hand, atlas, training.rank_points)
+    labelled = training.finetune_seeds == "labelled"
+    task = Task(stage, config.losses, hand, atlas, training.rank_points, labelled)
     failure = Failure(work / FAILURE, config, hand.name)
     validation = Validation(config.validation, config.losses, hand, atlas)
     module = GraspTraining(net, task, training, failure, validation)

@@ -40,8 +40,10 @@ def replay(
     stage: Stage = saved["stage"]
     net = new_network(config.network, hand)
     net.load_state_dict(saved["weights"])
-    task = Task(stage, config.losses, hand, atlas, config.training.rank_points)
-    module = GraspTraining(net, task, config.training, Failure(Path(), config, hand.name))
+    training = config.training
+    labelled = training.finetune_seeds == "labelled"
+    task = Task(stage, config.losses, hand, atlas, training.rank_points, labelled)
+    module = GraspTraining(net, task, training, Failure(Path(), config, hand.name))
     batch: Batch = saved["batch"]
     prediction = net.train()(batch["points"], batch["seed_index"])
     chosen = module.hardest(task.candidates(prediction, batch), batch)

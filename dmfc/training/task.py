@@ -36,9 +36,11 @@ class Task:
         hand: HandModel,
         atlas: ObjectAtlas,
         rank_points: int,
+        labelled: bool = False,
     ) -> None:
         """`rank_points`: collision points of the hand in `errors`; 0: all, and Q1 in full.
 
+        `labelled`: predictions of seeds without a label have no task loss, whatever its terms.
         Raises DmfcError where every weight of the stage is 0.
         """
         self.stage = stage
@@ -52,6 +54,7 @@ class Task:
         if not self.names:
             raise DmfcError(f"{stage} has no loss: every one of losses.weights is 0")
         self.of_scene = [name for name in self.names if name != "chamfer"]
+        self.labelled = labelled or not self.of_scene
         self.space = config.grasp_space
         self.atlas = atlas
         self._full = SceneTerms(hand, config)
@@ -62,9 +65,12 @@ class Task:
             self._cheap = SceneTerms(hand.thinned(rank_points), dataclasses.replace(config, q1=q1))
 
     def candidates(self, prediction: Prediction, batch: Batch) -> Candidates:
-        """The predictions that have a task loss: all, or with chamfer alone those with a label."""
+        """The predictions that have a task loss: all, or those with a label.
+
+        The latter where chamfer is the only term, or where it was asked for.
+        """
         rows = Candidates.of(prediction, batch, self.space)
-        return rows if self.of_scene else rows.take(rows.positive)
+        return rows.take(rows.positive) if self.labelled else rows
 
     def terms(self, rows: Candidates, batch: Batch) -> dict[str, Tensor]:
         """Each term `[n]`, not weighted, with gradients."""

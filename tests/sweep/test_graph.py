@@ -94,7 +94,11 @@ def test_how_hard_samples_are_chosen_in_finetuning_leaves_pretraining_alone(buil
         return by_kind(builder.cell(config, "finetuned", "c").evaluations)
 
     usual = kinds()
-    for override in ("training.hard_samples=9", "training.hard_scope=scene"):
+    for override in (
+        "training.hard_samples=9",
+        "training.hard_scope=scene",
+        "training.finetune_seeds=labelled",
+    ):
         other = kinds(override)
         assert other["pretrain"] == usual["pretrain"]
         assert other["finetune"] != usual["finetune"]
