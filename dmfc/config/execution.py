@@ -21,6 +21,12 @@ class ExecutionConfig:
     most_confident: int = setting(
         0, "predictions left of those, the most confident, before K are spread; 0: all"
     )
+    cloud_check: bool = setting(
+        False,
+        "before K are chosen, drop grasps whose hand would have points of the cloud inside, or "
+        "reach into the table, on the way that planning checks; the paper drops none",
+        later=True,
+    )
     seed: int = setting(0, "seed of the random row")
     random_offset: float = setting(0.1, "random row: palm within this of a seed point, metres")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
@@ -19,6 +20,7 @@ from dmfc.execution.candidates import (
     from_prediction,
     select,
 )
+from dmfc.execution.cloud_check import CloudCheck
 from dmfc.execution.diversity import diversity
 from dmfc.execution.outcome import Outcome
 from dmfc.execution.trial import TrialRunner
@@ -69,6 +71,17 @@ class Evaluation:
             return from_labels(scene, self.grasps, self.hand)
         return at_random(scene, self.hand, self.config)
 
+    def chosen(self, scene: Scene, proposed: GraspCandidates) -> GraspCandidates:
+        """The at most K of all proposed that are executed."""
+        if self.config.cloud_check:
+            proposed = proposed[proposed.confidence >= self.config.min_confidence]
+            proposed = proposed[self._cloud_check.clear(proposed, scene.points)]
+        return select(proposed, self.config)
+
+    @cached_property
+    def _cloud_check(self) -> CloudCheck:
+        return CloudCheck(self.hand, self.config)
+
     def open(self, scene: Scene, *, visual: bool = False) -> TrialRunner:
         """The simulation of a scene, its objects at rest on the table."""
         models = [self.objects[name] for name in scene.object_ids]
@@ -112,7 +125,7 @@ def evaluate_shard(
     spreads: list[dict[str, Any]] = []
     for done, scene in enumerate(evaluation.scenes, start=1):
         proposed = evaluation.proposals(scene)
-        executed = select(proposed, evaluation.config)
+        executed = evaluation.chosen(scene, proposed)
         rows += evaluation.trials(scene, executed)
         spreads.append(_spread(scene, proposed, executed))
         planned, held = (sum(row[name] for row in rows) for name in ("planned", "held"))

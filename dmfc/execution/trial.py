@@ -52,18 +52,25 @@ class TrialRunner:
         observer: Observer | None = None,
     ) -> Outcome:
         """Execute a grasp [4, 4], [D] on object `target`; `observer` is called at every look."""
-        trajectory = plan_trajectory(T_world_palm, joints, self.hand, self.config)
-        outcome = Outcome()
-        outcome.reason = self._plan(trajectory, target, outcome)
-        outcome.planned = not outcome.reason
+        trajectory, outcome = self.plan(T_world_palm, joints, target)
         if outcome.planned:
             self._execute(trajectory, target, outcome, observer)
         return outcome
 
     # ── plan ─────────────────────────────────────────────────────────────────────────────────
 
-    def _plan(self, trajectory: Trajectory, target: int, outcome: Outcome) -> str:
-        """Reason why the motion does not fit, or the empty string; no physics is stepped.
+    def plan(
+        self, T_world_palm: np.ndarray, joints: np.ndarray, target: int
+    ) -> tuple[Trajectory, Outcome]:
+        """The motion of a grasp, and whether it is planned or why not; no physics is stepped."""
+        trajectory = plan_trajectory(T_world_palm, joints, self.hand, self.config)
+        outcome = Outcome()
+        outcome.reason = self._check(trajectory, target, outcome)
+        outcome.planned = not outcome.reason
+        return trajectory, outcome
+
+    def _check(self, trajectory: Trajectory, target: int, outcome: Outcome) -> str:
+        """Reason why the motion does not fit, or the empty string.
 
         The open hand is checked from the pre-grasp to the grasp pose, then the closed hand there.
         """

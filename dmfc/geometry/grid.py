@@ -51,6 +51,14 @@ class Grid:
         """[3] the last node; the box of the grid is origin..upper, metres."""
         return self.origin + self.spacing * (np.array(self.values.shape) - 1)
 
+    def solid_box(self) -> tuple[np.ndarray, np.ndarray]:
+        """Box [3], [3] of the cells where the distance is positive anywhere; empty if in none."""
+        solid = np.argwhere(self.values > 0)
+        if len(solid) == 0:
+            return np.full(3, np.inf), np.full(3, -np.inf)
+        lower = self.origin + self.spacing * (solid.min(axis=0) - 1)
+        return lower, self.origin + self.spacing * (solid.max(axis=0) + 1)
+
     def distance(self, points: np.ndarray) -> np.ndarray:
         """Signed distance at points [..., 3] in the grid's frame -> [...] float64.
 

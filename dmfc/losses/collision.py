@@ -10,7 +10,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from dmfc.geometry.grid import Grid
 from dmfc.geometry.grid_atlas import GridAtlas
 from dmfc.hand.model import HandModel
 from dmfc.losses.atlas import SceneObjects
@@ -55,7 +54,7 @@ class SelfCollision:
     def __init__(self, hand: HandModel) -> None:
         self.links = hand.links
         self.grids = GridAtlas(hand.link_grids)
-        boxes = np.array([_solid_box(grid) for grid in hand.link_grids])
+        boxes = np.array([grid.solid_box() for grid in hand.link_grids])
         self.lower, self.upper = torch.from_numpy(boxes[:, 0]), torch.from_numpy(boxes[:, 1])
         self.link = torch.from_numpy(hand.collision_link)
         self.excluded = torch.from_numpy(hand.adjacency)
@@ -100,12 +99,3 @@ class SelfCollision:
         lower, upper = self.lower.to(local)[:, None], self.upper.to(local)[:, None]
         excluded = self.excluded.to(local.device)[:, self.link.to(local.device)]
         return ((local >= lower) & (local <= upper)).all(-1) & ~excluded
-
-
-def _solid_box(grid: Grid) -> tuple[np.ndarray, np.ndarray]:
-    """Box [3], [3] of the cells in which the distance is positive anywhere; empty if in none."""
-    solid = np.argwhere(grid.values > 0)
-    if len(solid) == 0:
-        return np.full(3, np.inf), np.full(3, -np.inf)
-    lower = grid.origin + grid.spacing * (solid.min(axis=0) - 1)
-    return lower, grid.origin + grid.spacing * (solid.max(axis=0) + 1)

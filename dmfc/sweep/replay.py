@@ -37,12 +37,11 @@ def replay(
     Returns the columns of its row, and `same`: whether they are those that the evaluation wrote.
     Raises DmfcError if there is no such trial, or no grasp in it.
     """
-    from dmfc.execution.candidates import select
     from dmfc.execution.picture import DETAILED, STEPS, trial_strip
 
     number, trial = parse_trial(only)
     stage, evaluation, scene = find_scene(ledger, stages, number, "--only scene:trial")
-    found = select(evaluation.proposals(scene), evaluation.config)
+    found = evaluation.chosen(scene, evaluation.proposals(scene))
     if not 0 <= trial < len(found):
         raise DmfcError(f"scene {number} has {len(found)} grasps, no trial {trial}")
     image, outcome = trial_strip(
@@ -66,14 +65,13 @@ def picture_dense(
     Returns how many there are, how many are executed, and the range of confidences. Raises
     DmfcError if there is no such scene, or no grasp in it.
     """
-    from dmfc.execution.candidates import select
     from dmfc.execution.dense import dense_picture
 
     _, evaluation, scene = find_scene(ledger, stages, number, "--dense scene")
     proposed = evaluation.proposals(scene)
     if not len(proposed):
         raise DmfcError(f"no grasp is proposed in scene {number}: nothing to picture")
-    executed = select(proposed, evaluation.config)
+    executed = evaluation.chosen(scene, proposed)
     dense_picture(scene.points, proposed, executed, evaluation.hand, path, f"scene {number}")
     return {
         "scene": number,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dmfc.errors import DmfcError
-from dmfc.execution.candidates import GraspCandidates, select
+from dmfc.execution.candidates import GraspCandidates
 from dmfc.execution.evaluate import Evaluation
 from dmfc.scenes.scene_set import Scene
 from dmfc.view.data import View, scene_view
@@ -25,7 +25,7 @@ def evaluated_view(evaluation: Evaluation, scene: Scene, trial: int | None, sour
     title = f"scene {scene.scene}, {source}"
     if trial is None:
         return scene_view(scene, objects, proposed, evaluation.hand, title)
-    executed = select(proposed, evaluation.config)
+    executed = evaluation.chosen(scene, proposed)
     if not 0 <= trial < len(executed):
         raise DmfcError(f"scene {scene.scene} has {len(executed)} grasps, no trial {trial}")
     name = f"trial {scene.scene}:{trial}"

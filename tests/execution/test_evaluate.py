@@ -12,7 +12,6 @@ import pytest
 from dmfc.config.execution import ExecutionConfig
 from dmfc.config.physics import PhysicsConfig
 from dmfc.errors import DmfcError
-from dmfc.execution.candidates import select
 from dmfc.execution.evaluate import DIVERSITY, TRIALS, Evaluation, evaluate_shard
 from dmfc.execution.outcome import REASONS
 from dmfc.hand.description import HandDescription
@@ -68,7 +67,7 @@ def rows(planner: Evaluation, tmp_path_factory: pytest.TempPathFactory) -> pd.Da
 
 
 def rows_of(evaluation: Evaluation, scene: Scene) -> pd.DataFrame:
-    chosen = select(evaluation.proposals(scene), evaluation.config)
+    chosen = evaluation.chosen(scene, evaluation.proposals(scene))
     return pd.DataFrame(list(evaluation.trials(scene, chosen)))
 
 
