@@ -45,7 +45,7 @@ def test_table_one_shares_data_and_pretraining(builder):
     assert counts["pretrain"] == 1
     assert counts["finetune"] == 4
     assert counts["hand"] == 1
-    assert counts["evaluate"] == 7 * shards
+    assert counts["evaluate"] == 9 * shards
     assert counts["object"] == counts["grasps"] == 8
     assert train_shards == 2
 
