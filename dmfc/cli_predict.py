@@ -36,6 +36,14 @@ DropInvalid = Annotated[
     bool, typer.Option("--drop-invalid", help="Leave points out that are NaN or infinite.")
 ]
 
+Check = Annotated[
+    bool,
+    typer.Option(
+        "--check",
+        help="Leave out grasps that the points, or the table under the lowest, are in the way of.",
+    ),
+]
+
 models_app = typer.Typer(help="Models that are shipped with dmfc.", no_args_is_help=True)
 
 
@@ -49,6 +57,7 @@ def predict(
     pose: Pose = None,
     table: Table = "refuse",
     drop_invalid: DropInvalid = False,
+    check: Check = False,
     top: Annotated[int, typer.Option(help="Only so many, the most confident; 0: all.")] = 0,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Write them as a grasp set (.parquet).")
@@ -57,7 +66,9 @@ def predict(
     as_json: AsJson = False,
 ) -> None:
     """Grasps of the objects in a point cloud or a depth image, the most confident first."""
-    points, grasps = predicted(cloud, model, unit, up, intrinsics, mask, pose, table, drop_invalid)
+    points, grasps = predicted(
+        cloud, model, unit, up, intrinsics, mask, pose, table, drop_invalid, check
+    )
     if top < 0:
         raise DmfcError(f"--top {top}: a number of grasps, or 0 for all")
     grasps = grasps[:top] if top else grasps
@@ -86,6 +97,7 @@ def predicted(
     pose: Path | None,
     table: str,
     drop_invalid: bool,
+    check: bool = False,
 ) -> tuple[np.ndarray, RankedGrasps]:
     """The finite points [N, 3] of the file in metres, in the frame of the grasps; the grasps."""
     import numpy as np
@@ -108,7 +120,14 @@ def predicted(
         )
     # One cloud: compiling loops would take longer than doing without.
     planner = load(model or None, compiled=False)
-    grasps = planner(points, unit=unit, up=direction(up), table=table, drop_invalid=drop_invalid)
+    grasps = planner(
+        points,
+        unit=unit,
+        up=direction(up),
+        table=table,
+        drop_invalid=drop_invalid,
+        check=check,
+    )
     finite = points[np.isfinite(points).all(1)]
     return finite * UNITS[unit], grasps
 

@@ -20,16 +20,17 @@ from dmfc.execution.candidates import (
     from_prediction,
     select,
 )
-from dmfc.execution.cloud_check import CloudCheck
 from dmfc.execution.diversity import diversity
 from dmfc.execution.outcome import Outcome
 from dmfc.execution.trial import TrialRunner
+from dmfc.geometry.transforms import transform
 from dmfc.grasps.grasp_set import GraspSet
 from dmfc.hand.description import HandDescription
 from dmfc.hand.model import HandModel
 from dmfc.network.model import DmfcGraspNet
 from dmfc.objects.model import ObjectModel
 from dmfc.physics.world import World
+from dmfc.prediction.cloud_check import CloudCheck
 from dmfc.scenes.scene_set import Scene, SceneSet
 from dmfc.training.predict import predict
 
@@ -75,7 +76,9 @@ class Evaluation:
         """The at most K of all proposed that are executed."""
         if self.config.cloud_check:
             proposed = proposed[proposed.confidence >= self.config.min_confidence]
-            proposed = proposed[self._cloud_check.clear(proposed, scene.points)]
+            T_world_palm = transform(proposed.rotation, proposed.position)
+            check = self._cloud_check.clear(T_world_palm, proposed.joints, scene.points)
+            proposed = proposed[check]
         return select(proposed, self.config)
 
     @cached_property

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dmfc.config.execution import ExecutionConfig
+from dmfc.config.hand import HandConfig
 from dmfc.errors import DmfcError, unknown_name
 from dmfc.geometry.compiled import with_compiled_loops
 from dmfc.geometry.transforms import transform
@@ -19,6 +23,9 @@ from dmfc.prediction.table_plane import find_table
 from dmfc.scenes.augment import choose
 from dmfc.training.predict import predict
 from dmfc.training.weights import load_alone
+
+if TYPE_CHECKING:
+    from dmfc.prediction.cloud_check import CloudCheck
 
 POINTS = 2048
 """Points that the network is given, as in its training."""
@@ -59,11 +66,14 @@ class GraspPlanner:
         up: Sequence[float] = UP,
         table: str = "refuse",
         drop_invalid: bool = False,
+        check: bool = False,
     ) -> RankedGrasps:
         """Grasps of the objects whose surface `points` [N, 3] are, in the same frame, in metres.
 
         `unit` of the points: m, cm or mm. `up` [3]: against gravity, in the cloud's frame; it may
         lie anywhere. `table`: what to do about a table in the cloud: refuse, remove or keep.
+        `check`: leave out grasps that the points or the table are in the way of, which is taken to
+        be where the lowest point is (`CloudCheck`); the first time it builds the hand's model.
         At most one grasp per point, so 512 in all. Raises DmfcError as `check_cloud` does, and
         where a table was left in the cloud.
         """
@@ -71,10 +81,15 @@ class GraspPlanner:
         cloud = check_cloud(points, unit, drop_invalid)
         cloud = _without_table(cloud, R_scene_cloud[2], table)
         chosen = cloud[choose(len(cloud.points), POINTS, np.random.default_rng(0))]
+        seen = chosen.points @ R_scene_cloud.T
         with with_compiled_loops(self.compiled):
-            found = predict(self.net, chosen.points @ R_scene_cloud.T)
+            found = predict(self.net, seen)
         point = chosen.rows[found.seed_index]
         once = np.sort(np.unique(point, return_index=True)[1])
+        if check:
+            height = np.array([0.0, 0.0, seen[:, 2].min()])  # of the table
+            T_table_palm = transform(found.rotation[once], found.position[once] - height)
+            once = once[self._cloud_check.clear(T_table_palm, found.joints[once], seen - height)]
         T_cloud_palm = transform(R_scene_cloud.T @ found.rotation, found.position @ R_scene_cloud)
         return RankedGrasps(
             T_cloud_palm[once],
@@ -85,6 +100,13 @@ class GraspPlanner:
             self.hand,
             self.model,
         )
+
+    @cached_property
+    def _cloud_check(self) -> CloudCheck:
+        from dmfc.hand.build import build_hand
+        from dmfc.prediction.cloud_check import CloudCheck
+
+        return CloudCheck(build_hand(HandConfig(name=self.hand)), ExecutionConfig())
 
 
 def upright(up: Sequence[float]) -> np.ndarray:

@@ -10,10 +10,11 @@ from scipy.spatial.transform import Rotation
 
 from dmfc.config.execution import ExecutionConfig
 from dmfc.execution.candidates import GraspCandidates
-from dmfc.execution.cloud_check import CloudCheck
 from dmfc.execution.evaluate import Evaluation
+from dmfc.geometry.transforms import transform
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.model import HandModel
+from dmfc.prediction.cloud_check import CloudCheck
 from dmfc.scenes.scene_set import Scene
 from tests.execution.execution_shapes import runner, scene_of, standing
 from tests.execution.test_evaluate import planner, scenes  # noqa: F401
@@ -40,6 +41,11 @@ def shaken(name: str, count: int, seed: int = 0) -> tuple[np.ndarray, GraspCandi
 
 def surface(name: str, T: np.ndarray, count: int = 4000) -> np.ndarray:
     return shape(name).surface_points[:count] @ T[:3, :3].T + T[:3, 3]
+
+
+def clear(hand: HandModel, grasps: GraspCandidates, points: np.ndarray) -> np.ndarray:
+    T_world_palm = transform(grasps.rotation, grasps.position)
+    return CloudCheck(hand, CONFIG).clear(T_world_palm, grasps.joints, points)
 
 
 def clear_by_hand(hand: HandModel, T: np.ndarray, joints: np.ndarray, points: np.ndarray) -> bool:
@@ -71,7 +77,7 @@ def clear_by_hand(hand: HandModel, T: np.ndarray, joints: np.ndarray, points: np
 def test_the_same_as_every_point_against_every_link(hand: HandModel) -> None:
     T, grasps = shaken("block", 24)
     points = surface("block", T, 400)
-    found = CloudCheck(hand, CONFIG).clear(grasps, points)
+    found = clear(hand, grasps, points)
     wanted = [
         clear_by_hand(hand, grasps.T_world_palm(row), grasps.joints[row], points)
         for row in range(len(grasps))
@@ -83,7 +89,7 @@ def test_the_same_as_every_point_against_every_link(hand: HandModel) -> None:
 def test_with_the_whole_surface_seen_it_agrees_with_planning_on_meshes(hand: HandModel) -> None:
     T, grasps = shaken("block", 200)
     trials = runner([shape("block")], [T])
-    found = CloudCheck(hand, CONFIG).clear(grasps, surface("block", T))
+    found = clear(hand, grasps, surface("block", T))
     planned_ones = np.array(
         [
             trials.plan(grasps.T_world_palm(row), grasps.joints[row], 0)[1].planned
@@ -96,21 +102,21 @@ def test_with_the_whole_surface_seen_it_agrees_with_planning_on_meshes(hand: Han
 
 def test_only_the_table_is_in_the_way_where_nothing_was_seen(hand: HandModel) -> None:
     T, grasps = shaken("block", 12)
-    check, nothing, up = CloudCheck(hand, CONFIG), np.zeros((0, 3)), np.array([0.0, 0.0, 0.5])
+    nothing, up = np.zeros((0, 3)), np.array([0.0, 0.0, 0.5])
     high = dataclasses.replace(grasps, position=grasps.position + up)
     low = dataclasses.replace(grasps, position=grasps.position - up)
-    assert check.clear(high, nothing).all()
-    assert not check.clear(low, nothing).any()
-    assert check.clear(grasps[np.zeros(0, dtype=np.int64)], surface("block", T)).shape == (0,)
+    assert clear(hand, high, nothing).all()
+    assert not clear(hand, low, nothing).any()
+    assert clear(hand, grasps[np.zeros(0, dtype=np.int64)], surface("block", T)).shape == (0,)
 
 
 def test_what_is_in_the_way_is_dropped_before_k_are_chosen(planner: Evaluation) -> None:  # noqa: F811
     T, grasps = shaken("block", 40)
     scene: Scene = scene_of(10, ["block"], [T], [], points=2000)
     checked = dataclasses.replace(planner, config=CONFIG)
-    clear = CloudCheck(planner.hand, CONFIG).clear(grasps, scene.points)
-    assert not clear.all()
-    kept = {tuple(position) for position in grasps.position[clear]}
+    free = clear(planner.hand, grasps, scene.points)
+    assert not free.all()
+    kept = {tuple(position) for position in grasps.position[free]}
     chosen = checked.chosen(scene, grasps)
     assert len(chosen) == CONFIG.grasps_per_scene
     assert {tuple(position) for position in chosen.position} <= kept

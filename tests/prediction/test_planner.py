@@ -9,8 +9,12 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 import dmfc
+from dmfc.config.execution import ExecutionConfig
+from dmfc.config.hand import HandConfig
 from dmfc.errors import DmfcError
 from dmfc.grasps.grasp_set import GraspSet
+from dmfc.hand.build import build_hand
+from dmfc.prediction.cloud_check import CloudCheck
 from dmfc.prediction.planner import load, upright
 from dmfc.training.weights import load_alone
 from tests.prediction import clouds
@@ -46,6 +50,21 @@ def test_it_answers_what_the_network_says(planner, stage_folder, blob):
     joints = np.clip(found.joints[0].numpy()[rank], -LIMIT, LIMIT)
     np.testing.assert_allclose(grasps.joints, joints, atol=1e-6)
     np.testing.assert_array_equal(grasps.point, order[found.seed_index[0].numpy()[rank]])
+
+
+def test_what_points_or_table_are_in_the_way_of_is_left_out(planner, blob):
+    """The table is under the lowest point, wherever the cloud lies and whichever way is up."""
+    points = blob[:2048]
+    grasps = planner(points)
+    T, height = grasps.T_cloud_palm.copy(), np.array([0, 0, points[:, 2].min()])
+    T[:, :3, 3] -= height
+    check = CloudCheck(build_hand(HandConfig()), ExecutionConfig())
+    clear = check.clear(T, grasps.joints, points - height)
+    assert 0 < clear.sum() < len(grasps)
+    same(planner(points, check=True), grasps[clear])
+    turn = Rotation.from_euler("x", 90, degrees=True).as_matrix()
+    turned = planner(points @ turn.T + [0.2, 0.1, 0.5], up=turn[:, 2], check=True)
+    np.testing.assert_array_equal(turned.point, grasps.point[clear])
 
 
 def test_grasps_are_ranked_poses_within_limits(planner, blob):

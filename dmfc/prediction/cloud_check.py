@@ -12,9 +12,7 @@ import torch
 from torch import Tensor
 
 from dmfc.config.execution import ExecutionConfig
-from dmfc.execution.candidates import GraspCandidates
 from dmfc.geometry.grid_atlas import GridAtlas
-from dmfc.geometry.transforms import transform
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.model import HandModel
 from dmfc.losses.box_kernel import points_in_boxes
@@ -30,8 +28,10 @@ class CloudCheck:
         boxes = np.array([grid.solid_box() for grid in hand.link_grids])
         self._lower, self._upper = boxes[:, 0], boxes[:, 1]
 
-    def clear(self, grasps: GraspCandidates, points: np.ndarray) -> np.ndarray:
-        """[n] bool; `points` [N, 3] are seen on objects, world frame, on a table at z = 0.
+    def clear(self, T_world_palm: np.ndarray, joints: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """[n] bool of grasps [n, 4, 4], [n, D] rad.
+
+        `points` [N, 3] are seen on objects, world frame, on a table at z = 0.
 
         The open hand, from the pre-grasp to the grasp, may be `approach_tolerance` deep in the
         table, and have points that deep inside; the closed one, too, but for the points, which may
@@ -39,9 +39,9 @@ class CloudCheck:
         """
         config, hand = self.config, self.hand
         cloud = torch.as_tensor(points, dtype=torch.float64)
-        T_grasp = torch.as_tensor(transform(grasps.rotation, grasps.position))
-        back = torch.as_tensor(grasps.rotation @ hand.palm_normal) * config.pregrasp_distance
-        joints = np.clip(grasps.joints, hand.lower, hand.upper)
+        T_grasp = torch.as_tensor(T_world_palm, dtype=torch.float64)
+        back = T_grasp[:, :3, :3] @ torch.as_tensor(hand.palm_normal) * config.pregrasp_distance
+        joints = np.clip(joints, hand.lower, hand.upper)
         closed = self._links(joints)
         clear = self._is_clear(T_grasp[:, None] @ closed, cloud, config.grasp_tolerance)
         opened = self._links(hand.opened(joints))
