@@ -49,8 +49,8 @@ A dense multi-fingered grasp network of `dmfc` (`dmfc predict CLOUD --model {nam
 {_errors(errors)}
 Input: points on the visible surface of objects on a table, without the table, gravity along -z, in
 metres. Output: palm poses and joint angles. The network does not check them for collision
-(`--check` does, against the cloud), and the confidence is its own, not a measured rate. Not tried on
-a real hand or a real camera.
+(`--check` does, against the cloud), and the confidence is its own, not a measured rate. Not tried
+on a real hand or a real camera.
 
 Licence: Apache-2.0, as the package.
 """
