@@ -120,7 +120,8 @@ def test_a_sweep_from_file_to_table(dmfc, no_science, tmp_path, monkeypatch):
     first = json.loads(out)
     assert first["id"].startswith("table1-")
     assert list(first["cells"]) == [
-        "pretrained", "collision", "guidance", "q1_upper", "all", "planner", "random",
+        "pretrained", "collision", "guidance", "q1_upper", "all",
+        "pretrained_checked", "all_checked", "planner", "random",
     ]  # fmt: skip
     cell = first["cells"]["all"]
     assert [address.split("/")[0] for address in cell["stages"]][:2] == ["pretrain", "finetune"]

@@ -34,8 +34,8 @@ def test_both_tables_in_their_smallest_form(tmp_path, shadow_hand_dir):
     call = ("sweep", "sweeps/table1.yaml", "table2", "--preset", "smoke", "--store", tmp_path)
     answer = dmfc(*call)
     first, second = answer["sweeps"]
-    assert len(first["cells"]) == 7
-    assert len(second["cells"]) == 4
+    assert len(first["cells"]) == 9
+    assert len(second["cells"]) == 6
     for sweep in (first, second):
         rows = pd.read_parquet(Path(sweep["folder"]) / "trials.parquet")
         for name, cell in sweep["cells"].items():

@@ -1,5 +1,7 @@
 """Sweep files: what is shipped, and every way of getting one wrong."""
 
+import dataclasses
+
 import pytest
 
 from dmfc.config.load import shipped_names
@@ -79,7 +81,8 @@ def test_table_one_is_the_papers():
     sweep = load_sweep("table1")
     cells = {cell.name: cell for cell in sweep.cells}
     assert list(cells) == [
-        "pretrained", "collision", "guidance", "q1_upper", "all", "planner", "random",
+        "pretrained", "collision", "guidance", "q1_upper", "all",
+        "pretrained_checked", "all_checked", "planner", "random",
     ]  # fmt: skip
     assert cells["q1_upper"].paper == {
         "valid": (0.75, 0.02),
@@ -92,6 +95,20 @@ def test_table_one_is_the_papers():
         assert {term: getattr(weights, term) for term in alone} == alone
     weights = cell_config(sweep, cells["all"], 0, "paper", []).losses.weights
     assert min(getattr(weights, term) for term in alone) > 0
+
+
+@pytest.mark.parametrize("name", ["table1", "table2"])
+def test_a_checked_row_is_the_same_model_executed_with_the_cloud_check(name):
+    sweep = load_sweep(name)
+    cells = {cell.name: cell for cell in sweep.cells}
+    for model in ("pretrained", "all"):
+        plain, checked = (
+            cell_config(sweep, cells[cell], 0, "paper", []) for cell in (model, f"{model}_checked")
+        )
+        assert not plain.execution.cloud_check
+        execution = dataclasses.replace(plain.execution, cloud_check=True)
+        assert checked == dataclasses.replace(plain, execution=execution)
+        assert cells[model].model == cells[f"{model}_checked"].model
 
 
 def test_table_two_has_ten_thousand_scenes_of_several_objects():
