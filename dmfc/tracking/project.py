@@ -158,9 +158,12 @@ def _parent_content(
 
 
 def _parent_rates(table: SweepTable) -> list[tuple[str, float]]:
-    """Rates of the rows that are complete, as 'row.rate'."""
+    """Rates of the rows that are complete, as 'row.rate'.
+
+    MLflow takes no '+' in a metric's name: 'guidance+q1_upper' is 'guidance q1_upper' here.
+    """
     return [
-        (f"{row.name}.{name}", value)
+        (f"{row.name.replace('+', ' ')}.{name}", value)
         for row in table.rows
         for name in NAMES
         if not row.failure and (value := row.rate(name).value) is not None

@@ -13,9 +13,11 @@ from dmfc.errors import DmfcError
 from dmfc.sweep.context import tell_attempt, write_json
 from dmfc.sweep.state import driving, read_state, write_state
 from dmfc.tracking.project import project_stale, project_sweep, rebuild
+from dmfc.tracking.store import database
 from dmfc.tracking.ui import serve
 from dmfc.tracking.writer import TAG_CELL, TAG_DIGEST, TAG_PARENT
 from tests.sweep import fake_science
+from tests.tracking.conftest import FinishedSweep
 
 
 def runs(client, experiment):
@@ -83,6 +85,23 @@ def test_a_sweep_becomes_a_parent_and_its_children(finished):
     assert "00-pretrain/pictures" in stage
     parent_files = {entry.path for entry in client.list_artifacts(tracked.run_id)}
     assert {"sweep.json", "table.md", "table.csv", "table.tex", "trials.parquet"} <= parent_files
+
+
+def test_cells_of_a_matrix_get_names_that_mlflow_takes(tmp_path, empty_database):
+    axes = "".join(
+        f"    {term}: {{'-': {{losses.weights.{term}: 0}}, {term}: {{losses.weights.{term}: 1}}}}\n"
+        for term in ("guidance", "q1_upper")
+    )
+    sweep = FinishedSweep(
+        tmp_path, f"name: tiny\ntitle: A matrix\nmatrix:\n  model: finetuned\n  axes:\n{axes}"
+    )
+    database(sweep.ledger).parent.mkdir()
+    shutil.copy(empty_database, database(sweep.ledger))
+    tracked = project_sweep(sweep.ledger, sweep.id)
+    parents, children = runs(MlflowClient(tracked.uri), tracked.experiment_id)
+    assert "guidance+q1_upper-seed0" in children
+    (row,) = (row for row in sweep.table.rows if row.name == "guidance+q1_upper")
+    assert parents[0].data.metrics["guidance q1_upper.overall"] == row.rates.overall.value
 
 
 def test_projecting_twice_changes_nothing(finished):
