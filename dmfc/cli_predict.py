@@ -128,6 +128,11 @@ def predicted(
         drop_invalid=drop_invalid,
         check=check,
     )
+    if not len(grasps):
+        raise DmfcError(
+            "the points of the cloud, or the table under the lowest of them, are in the way of every "
+            "grasp: go without --check, or look whether --up and the table are right"
+        )
     finite = points[np.isfinite(points).all(1)]
     return finite * UNITS[unit], grasps
 

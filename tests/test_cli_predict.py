@@ -12,6 +12,7 @@ import pytest
 from PIL import Image
 
 from dmfc.grasps.grasp_set import GraspSet
+from dmfc.prediction.cloud_check import CloudCheck
 from dmfc.prediction.planner import load
 from tests.prediction import clouds
 
@@ -47,6 +48,16 @@ def test_files_and_table(dmfc, box_file, tmp_path):
     pixels = np.asarray(Image.open(picture).convert("RGB")).astype(int)
     coloured = (np.ptp(pixels, axis=2) > 60).mean()  # glyphs; axes and cloud are grey
     assert coloured > 0.02
+
+
+def test_checked_grasps_are_fewer_and_none_at_all_is_an_error(dmfc, box_file, monkeypatch):
+    status, out, _ = dmfc("predict", box_file, "--json", "--check")
+    assert status == 0
+    assert 0 < len(json.loads(out)["grasps"]) < 512
+    monkeypatch.setattr(CloudCheck, "clear", lambda self, T, joints, points: np.zeros(len(T), bool))
+    status, _, err = dmfc("predict", box_file, "--check")
+    assert status == 1
+    assert "go without --check" in err
 
 
 def test_a_depth_image_gives_grasps_in_the_world(dmfc, tmp_path):
