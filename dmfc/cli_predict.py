@@ -130,7 +130,7 @@ def predicted(
     )
     if not len(grasps):
         raise DmfcError(
-            "the points of the cloud, or the table under the lowest of them, are in the way of every "
+            "the cloud's points, or the table under the lowest of them, are in the way of every "
             "grasp: go without --check, or look whether --up and the table are right"
         )
     finite = points[np.isfinite(points).all(1)]
