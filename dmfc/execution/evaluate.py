@@ -75,6 +75,7 @@ class Evaluation:
     def chosen(self, scene: Scene, proposed: GraspCandidates) -> GraspCandidates:
         """The at most K of all proposed that are executed."""
         if self.config.cloud_check:
+            # Those that `select` drops anyway need no check, which is what takes time.
             proposed = proposed[proposed.confidence >= self.config.min_confidence]
             T_world_palm = transform(proposed.rotation, proposed.position)
             check = self._cloud_check.clear(T_world_palm, proposed.joints, scene.points)

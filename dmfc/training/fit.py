@@ -59,8 +59,8 @@ def fit(
     net = new_network(config.network, hand)
     if init_weights is not None:
         load_weights(net, init_weights)
-    labelled = training.finetune_seeds == "labelled"
-    task = Task(stage, config.losses, hand, atlas, training.rank_points, labelled)
+    points, seeds = training.rank_points, training.finetune_seeds
+    task = Task(stage, config.losses, hand, atlas, points, seeds)
     failure = Failure(work / FAILURE, config, hand.name)
     validation = Validation(config.validation, config.losses, hand, atlas)
     module = GraspTraining(net, task, training, failure, validation)

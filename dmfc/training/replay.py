@@ -41,8 +41,8 @@ def replay(
     net = new_network(config.network, hand)
     net.load_state_dict(saved["weights"])
     training = config.training
-    labelled = training.finetune_seeds == "labelled"
-    task = Task(stage, config.losses, hand, atlas, training.rank_points, labelled)
+    points, seeds = training.rank_points, training.finetune_seeds
+    task = Task(stage, config.losses, hand, atlas, points, seeds)
     module = GraspTraining(net, task, training, Failure(Path(), config, hand.name))
     batch: Batch = saved["batch"]
     prediction = net.train()(batch["points"], batch["seed_index"])

@@ -19,6 +19,7 @@ from dmfc.network.model import Prediction
 from dmfc.training.candidates import Batch, Candidates
 
 Stage = Literal["pretrain", "finetune"]
+Seeds = Literal["all", "labelled"]
 
 RANK_DIRECTIONS: Literal[64] = 64
 """Directions of Q1 that suffice to find the hardest."""
@@ -36,11 +37,11 @@ class Task:
         hand: HandModel,
         atlas: ObjectAtlas,
         rank_points: int,
-        labelled: bool = False,
+        seeds: Seeds = "all",
     ) -> None:
         """`rank_points`: collision points of the hand in `errors`; 0: all, and Q1 in full.
 
-        `labelled`: predictions of seeds without a label have no task loss, whatever its terms.
+        `seeds`: whose predictions have a task loss (setting training.finetune_seeds).
         Raises DmfcError where every weight of the stage is 0.
         """
         self.stage = stage
@@ -54,7 +55,7 @@ class Task:
         if not self.names:
             raise DmfcError(f"{stage} has no loss: every one of losses.weights is 0")
         self.of_scene = [name for name in self.names if name != "chamfer"]
-        self.labelled = labelled or not self.of_scene
+        self.labelled = seeds == "labelled" or not self.of_scene
         self.space = config.grasp_space
         self.atlas = atlas
         self._full = SceneTerms(hand, config)

@@ -34,7 +34,8 @@ def overlaps(found: Trained, config: Config, batch: Batch) -> list[tuple[float, 
     Both are 1 where it picked the same.
     """
     prediction = found.net(batch["points"], batch["seed_index"])
-    tasks = [Task("finetune", config.losses, found.hand, found.atlas, n) for n in POINTS]
+    seeds = config.training.finetune_seeds
+    tasks = [Task("finetune", config.losses, found.hand, found.atlas, n, seeds) for n in POINTS]
     rows = tasks[0].candidates(prediction, batch)
     sure = rows.logit.sigmoid() if config.training.hard_error == "weighted" else 1.0
     count, scope = config.training.hard_samples, config.training.hard_scope

@@ -17,7 +17,6 @@ from dmfc.hand.model import HandModel
 from dmfc.prediction.cloud_check import CloudCheck
 from dmfc.scenes.scene_set import Scene
 from tests.execution.execution_shapes import runner, scene_of, standing
-from tests.execution.test_evaluate import planner, scenes  # noqa: F401
 from tests.grasps.grasp_shapes import planned, shape
 
 CONFIG = ExecutionConfig(cloud_check=True)
@@ -110,7 +109,7 @@ def test_only_the_table_is_in_the_way_where_nothing_was_seen(hand: HandModel) ->
     assert clear(hand, grasps[np.zeros(0, dtype=np.int64)], surface("block", T)).shape == (0,)
 
 
-def test_what_is_in_the_way_is_dropped_before_k_are_chosen(planner: Evaluation) -> None:  # noqa: F811
+def test_what_is_in_the_way_is_dropped_before_k_are_chosen(planner: Evaluation) -> None:
     T, grasps = shaken("block", 40)
     scene: Scene = scene_of(10, ["block"], [T], [], points=2000)
     checked = dataclasses.replace(planner, config=CONFIG)

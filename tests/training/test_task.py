@@ -28,8 +28,8 @@ LOSSES = LossConfig(weights=LossWeights(1.0, 10.0, 1.0, 0.5, 1.0), q1=Q1Config(d
 NO_FAILURE = Failure(Path(), FitConfig(), "toy")
 
 
-def task(stage="finetune", losses=LOSSES, rank_points=0, labelled=False) -> Task:
-    return Task(stage, losses, toy_hand(), toy_atlas(), rank_points, labelled)
+def task(stage="finetune", losses=LOSSES, rank_points=0, seeds="all") -> Task:
+    return Task(stage, losses, toy_hand(), toy_atlas(), rank_points, seeds)
 
 
 def prediction() -> tuple[Prediction, dict[str, torch.Tensor]]:
@@ -52,7 +52,7 @@ def test_pretraining_is_chamfer_at_labelled_seeds_whatever_the_weights():
 def test_seeds_without_a_label_are_left_out_of_fine_tuning_where_that_is_wanted():
     predicted, batch = prediction()
     everywhere = task().candidates(predicted, batch)
-    labelled = task(labelled=True).candidates(predicted, batch)
+    labelled = task(seeds="labelled").candidates(predicted, batch)
     matched = batch["match"].any(-1).flatten()
     assert 0 < matched.sum() < len(matched) == len(everywhere)
     torch.testing.assert_close(labelled.logit, everywhere.logit[matched])
