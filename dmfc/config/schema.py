@@ -10,6 +10,7 @@ from dmfc.config.hand import HandConfig
 from dmfc.config.losses import LossConfig
 from dmfc.config.network import NetworkConfig
 from dmfc.config.objects import ObjectsConfig
+from dmfc.config.outcome import OutcomeConfig
 from dmfc.config.physics import PhysicsConfig
 from dmfc.config.scenes import MatchingConfig, ScenesConfig
 from dmfc.config.setting import setting
@@ -31,4 +32,5 @@ class Config:
     training: TrainingConfig = setting(TrainingConfig, "the two-stage schedule")
     validation: ValidationConfig = setting(ValidationConfig, "validation on held-out objects")
     execution: ExecutionConfig = setting(ExecutionConfig, "execution in MuJoCo")
+    outcome: OutcomeConfig = setting(OutcomeConfig, "the predictor of what becomes of a grasp")
     run: RunConfig = setting(RunConfig, "resources; never part of a stage's key")

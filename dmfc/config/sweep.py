@@ -37,3 +37,5 @@ class RunConfig:
     pretrain: StageLimits = setting(StageLimits, "limits of stage 1 of training")
     finetune: StageLimits = setting(StageLimits, "limits of stage 2 of training")
     evaluate: StageLimits = setting(StageLimits, "limits of one shard of evaluation")
+    rollouts: StageLimits = setting(StageLimits, "limits of one shard of executed predictions")
+    outcome: StageLimits = setting(StageLimits, "limits of training an outcome predictor")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -31,6 +31,16 @@ class GraspCandidates:
     """[n] in [0, 1]."""
     object_index: np.ndarray
     """[n] the object of the scene that is to be grasped."""
+    seed_point: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    """[n] i64 point of the cloud that the grasp was proposed at, -1: none; left out: none."""
+    score: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    """[n] by which they are ranked, the best the largest; left out: the confidence."""
+
+    def __post_init__(self) -> None:
+        if len(self.seed_point) != len(self.position):
+            object.__setattr__(self, "seed_point", np.full(len(self.position), -1))
+        if len(self.score) != len(self.position):
+            object.__setattr__(self, "score", self.confidence)
 
     def __len__(self) -> int:
         return len(self.position)
@@ -78,6 +88,7 @@ def from_prediction(scene: Scene, predicted: PredictedGrasps) -> GraspCandidates
         predicted.joints,
         predicted.confidence,
         scene.point_object[predicted.seed_index].astype(np.int64),
+        predicted.seed_index.astype(np.int64),
     )
 
 
@@ -95,6 +106,7 @@ def at_random(scene: Scene, hand: HandModel, config: ExecutionConfig) -> GraspCa
         joints=generator.uniform(hand.lower, hand.upper, (count, hand.dofs)),
         confidence=np.ones(count),
         object_index=scene.point_object[seeds].astype(np.int64),
+        seed_point=seeds.astype(np.int64),
     )
 
 

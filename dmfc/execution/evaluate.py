@@ -20,6 +20,7 @@ from dmfc.execution.candidates import (
     from_prediction,
     select,
 )
+from dmfc.execution.columns import grasp_columns
 from dmfc.execution.diversity import diversity
 from dmfc.execution.outcome import Outcome
 from dmfc.execution.trial import TrialRunner
@@ -78,12 +79,13 @@ class Evaluation:
             # Those that `select` drops anyway need no check, which is what takes time.
             proposed = proposed[proposed.confidence >= self.config.min_confidence]
             T_world_palm = transform(proposed.rotation, proposed.position)
-            check = self._cloud_check.clear(T_world_palm, proposed.joints, scene.points)
+            check = self.cloud_check.clear(T_world_palm, proposed.joints, scene.points)
             proposed = proposed[check]
         return select(proposed, self.config)
 
     @cached_property
-    def _cloud_check(self) -> CloudCheck:
+    def cloud_check(self) -> CloudCheck:
+        """Of grasps against what is seen of a scene."""
         return CloudCheck(self.hand, self.config)
 
     def open(self, scene: Scene, *, visual: bool = False) -> TrialRunner:
@@ -99,10 +101,10 @@ class Evaluation:
         """
         runner = self.open(scene)
         for trial in range(self.config.grasps_per_scene):
-            outcome, target, confidence = Outcome(), "", float("nan")
+            outcome, target = Outcome(), ""
             if trial < len(candidates):
                 which = int(candidates.object_index[trial])
-                target, confidence = scene.object_ids[which], float(candidates.confidence[trial])
+                target = scene.object_ids[which]
                 outcome = runner.run(
                     candidates.T_world_palm(trial), candidates.joints[trial], which
                 )
@@ -110,7 +112,7 @@ class Evaluation:
                 "scene": scene.scene,
                 "trial": trial,
                 "object": target,
-                "confidence": confidence,
+                **grasp_columns(candidates, trial, self.hand.dofs),
                 **outcome.row(),
             }
 

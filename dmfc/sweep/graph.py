@@ -10,7 +10,7 @@ import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from dmfc.config.losses import LossWeights, Q1Config
 from dmfc.config.own_function import own_function
@@ -21,9 +21,8 @@ from dmfc.errors import DmfcError
 from dmfc.grasps.library import file_digest, in_library, library_file, library_folder
 from dmfc.hand.description import own_hand_digest
 from dmfc.sweep.kinds import KINDS, Registry, kind_of
-from dmfc.sweep.stage import Stage
+from dmfc.sweep.stage import Stage, without
 
-T = TypeVar("T")
 WEIGHTS = "weights.safetensors"
 """The file by which a trained model is known."""
 HARD_SAMPLES = "hard_samples", "hard_error", "hard_scope", "rank_points"
@@ -57,18 +56,6 @@ class CellStages:
     def last(self) -> tuple[Stage, ...]:
         """Those that no other stage of the cell uses."""
         return self.evaluations or ((self.model,) if self.model else ())
-
-
-def without(settings: T, *fields: str) -> T:
-    """`settings` with those fields back at their defaults."""
-    fresh = {}
-    for field in dataclasses.fields(settings):  # type: ignore[arg-type]
-        if field.name in fields:
-            made = field.default_factory
-            fresh[field.name] = field.default if made is dataclasses.MISSING else made()
-    if len(fresh) != len(fields):
-        raise ValueError(f"{type(settings).__name__} lacks one of {fields}")
-    return dataclasses.replace(settings, **fresh)  # type: ignore[type-var]
 
 
 def _unused_in_pretraining(config: Config) -> tuple[str, ...]:

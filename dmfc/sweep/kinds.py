@@ -81,6 +81,8 @@ KINDS: Registry = registry(
         cpus=_training_cpus,
         gpus=_training_gpus,
     ),
+    StageKind("rollouts", "dmfc.sweep.stages_outcome:rollouts", version=1),
+    StageKind("outcome", "dmfc.sweep.stages_outcome:outcome", version=1),
     StageKind("evaluate", "dmfc.sweep.stages:evaluate", version=6),
 )
 

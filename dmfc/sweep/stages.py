@@ -97,7 +97,7 @@ def make_scenes(ctx: StageContext) -> None:
         ctx.config["scenes"],
         ctx.config["set"],
         range(ctx.config["start"], ctx.config["stop"]),
-        _Objects(given(ctx.input_list("objects"))),
+        Objects(given(ctx.input_list("objects"))),
         _grasp_sets(given(ctx.input_list("grasps"))),
         _hand(ctx),
         ctx.out / SCENES,
@@ -165,7 +165,7 @@ def evaluation_of(
     return Evaluation(
         row=row,
         scenes=SceneSet.open([one("scenes") / SCENES]),
-        objects=_Objects(several("objects")),
+        objects=Objects(several("objects")),
         grasps=_grasp_sets(several("grasps")) if row == "planner" else None,
         network=network,
         hand=hand,
@@ -175,7 +175,7 @@ def evaluation_of(
     )
 
 
-class _Objects(Mapping[str, "ObjectModel"]):
+class Objects(Mapping[str, "ObjectModel"]):
     """Prepared objects by id, each loaded when it is asked for.
 
     The ids are read from the stages' records, so a scene of one object loads one object.
@@ -288,7 +288,7 @@ def training_geometry(
     assert isinstance(hand, Path)
     assert isinstance(train, list)
     assert isinstance(held_out, list)
-    objects = _Objects([*present(train), *whole(held_out)])
+    objects = Objects([*present(train), *whole(held_out)])
     return HandModel.load(hand / HAND), ObjectAtlas.of(list(objects.values()))
 
 
