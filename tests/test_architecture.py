@@ -28,6 +28,7 @@ LAYERS = [
     {"scenes"},
     {"network"},
     {"training"},
+    {"outcome"},
     {"prediction"},
     {"execution"},
     {"view"},

@@ -17,7 +17,21 @@ class ExecutionConfig:
         {}, "the same, key by key, over the protocol: {physics.hand_friction: 0.7}"
     )
     grasps_per_scene: int = setting(4, "K")
-    min_confidence: float = setting(0.15, "predictions below this are dropped")
+    score: Literal["confidence", "outcome"] = setting(
+        "confidence",
+        "by what grasps are ranked: the network's confidence, or the probability of being held "
+        "that an outcome predictor gives them (settings outcome.*)",
+        later=True,
+    )
+    min_confidence: float = setting(
+        0.15, "predictions below this are dropped, where confidence ranks"
+    )
+    confidence_unit: Literal["one", "weight"] = setting(
+        "one",
+        "unit of min_confidence: 1, or losses.weights.confidence (w5), at which a task loss of "
+        "1 / min_confidence is the most that passes, whatever w5 is",
+        later=True,
+    )
     most_confident: int = setting(
         0, "predictions left of those, the most confident, before K are spread; 0: all"
     )
@@ -25,6 +39,12 @@ class ExecutionConfig:
         False,
         "before K are chosen, drop grasps whose hand would have points of the cloud inside, or "
         "reach into the table, on the way that planning checks; the paper drops none",
+        later=True,
+    )
+    cloud_margin: float = setting(
+        0.0,
+        "metres by which the cloud check is stricter at first; those that pass only without it "
+        "fill up what is missing of K",
         later=True,
     )
     seed: int = setting(0, "seed of the random row")

@@ -46,4 +46,32 @@ class OutcomeConfig:
         "model whose predictions are executed: a shipped one's name or a folder; empty: the "
         "cell's own",
     )
+    judge: str = setting(
+        "",
+        "predictor that is used: train, a shipped model's name or a folder; empty: the one in "
+        "the folder of the executed model, or else train",
+    )
     rollouts: RolloutsConfig = setting(RolloutsConfig, "the trials that it learns from")
+    members: int = setting(
+        5,
+        "networks whose mean is the answer; each learns without its share of the objects, by "
+        "which it is calibrated",
+    )
+    widths: list[int] = setting([128, 64], "hidden widths of each")
+    dropout: float = setting(0.2, "share of hidden numbers that are left out in training")
+    noise: float = setting(0.1, "standard deviation added to normalised features in training")
+    epochs: int = setting(40, "epochs")
+    batch_size: int = setting(128, "trials per batch")
+    learning_rate: float = setting(1e-3, "AdamW's learning rate at the start; it falls to 0")
+    weight_decay: float = setting(1e-2, "AdamW's weight decay")
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for a predictor that cannot be trained."""
+        if self.members < 2 or self.epochs < 1 or self.batch_size < 1 or not self.widths:
+            raise ValueError(
+                "outcome: members must be at least 2, epochs and batch_size 1, widths not empty"
+            )
+        if not 0 <= self.dropout < 1 or self.learning_rate <= 0 or self.noise < 0:
+            raise ValueError(
+                "outcome: dropout must be in [0, 1), learning_rate positive, noise not negative"
+            )

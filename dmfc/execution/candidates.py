@@ -9,7 +9,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dmfc.config.execution import ExecutionConfig
-from dmfc.geometry.points import farthest_points
 from dmfc.grasps.grasp_set import GraspSet
 from dmfc.hand.model import HandModel
 from dmfc.scenes.carry import grasps_in_scene
@@ -33,20 +32,24 @@ class GraspCandidates:
     """[n] the object of the scene that is to be grasped."""
     seed_point: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     """[n] i64 point of the cloud that the grasp was proposed at, -1: none; left out: none."""
-    score: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    """[n] by which they are ranked, the best the largest; left out: the confidence."""
+    held: np.ndarray | None = None
+    """[n] probability of being held, by an outcome predictor; None: nobody was asked."""
 
     def __post_init__(self) -> None:
         if len(self.seed_point) != len(self.position):
             object.__setattr__(self, "seed_point", np.full(len(self.position), -1))
-        if len(self.score) != len(self.position):
-            object.__setattr__(self, "score", self.confidence)
+
+    @property
+    def score(self) -> np.ndarray:
+        """[n] by which they are ranked, the best the largest."""
+        return self.confidence if self.held is None else self.held
 
     def __len__(self) -> int:
         return len(self.position)
 
     def __getitem__(self, rows: np.ndarray) -> GraspCandidates:
-        return GraspCandidates(*(getattr(self, entry.name)[rows] for entry in fields(self)))
+        values = (getattr(self, entry.name) for entry in fields(self))
+        return GraspCandidates(*(None if v is None else v[rows] for v in values))
 
     def T_world_palm(self, row: int) -> np.ndarray:
         """[4, 4]."""
@@ -108,18 +111,3 @@ def at_random(scene: Scene, hand: HandModel, config: ExecutionConfig) -> GraspCa
         object_index=scene.point_object[seeds].astype(np.int64),
         seed_point=seeds.astype(np.int64),
     )
-
-
-def select(candidates: GraspCandidates, config: ExecutionConfig) -> GraspCandidates:
-    """At most K: those of enough confidence, spread by farthest point sampling of palm positions.
-
-    Farthest points are outliers: `most_confident` bounds how far down they may be looked for. The
-    first is the most confident. Ties keep their order.
-    """
-    rows = np.argsort(-candidates.confidence, kind="stable")
-    rows = rows[candidates.confidence[rows] >= config.min_confidence]
-    rows = rows[: config.most_confident or None]
-    if len(rows) > config.grasps_per_scene:
-        spread = farthest_points(candidates.position[rows], config.grasps_per_scene)
-        rows = rows[spread]
-    return candidates[rows]

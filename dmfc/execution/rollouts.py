@@ -37,7 +37,7 @@ def roll_out(
 
     A row per trial, as in a trial table, with the column `choice`: uniform, confident or refused.
     """
-    shorter = dataclasses.replace(evaluation.config, hold_time=config.hold_time)
+    shorter = dataclasses.replace(evaluation.config, hold_time=config.hold_time, score="confidence")
     evaluation = dataclasses.replace(evaluation, config=shorter)
     rows: list[dict[str, Any]] = []
     for done, scene in enumerate(evaluation.scenes, start=1):

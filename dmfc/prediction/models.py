@@ -27,6 +27,11 @@ def default_model() -> str:
     return (SHIPPED / DEFAULT).read_text().strip()
 
 
+def shipped_folder(name: str) -> Path | None:
+    """The folder of a shipped model; None where none is called so."""
+    return SHIPPED / name if name in shipped_models() else None
+
+
 def model_folder(model: str | Path | None = None) -> Path:
     """The folder of a model: a shipped one's name, a folder's path, or None for the default."""
     name = default_model() if model is None else str(model)

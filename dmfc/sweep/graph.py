@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from dmfc.config.execution import ExecutionConfig
 from dmfc.config.losses import LossWeights, Q1Config
 from dmfc.config.own_function import own_function
 from dmfc.config.protocol import executed
@@ -20,11 +21,10 @@ from dmfc.config.schema import Config
 from dmfc.errors import DmfcError
 from dmfc.grasps.library import file_digest, in_library, library_file, library_folder
 from dmfc.hand.description import own_hand_digest
+from dmfc.sweep.graph_outcome import WEIGHTS, judge
 from dmfc.sweep.kinds import KINDS, Registry, kind_of
 from dmfc.sweep.stage import Stage, without
 
-WEIGHTS = "weights.safetensors"
-"""The file by which a trained model is known."""
 HARD_SAMPLES = "hard_samples", "hard_error", "hard_scope", "rank_points"
 """Settings of `training` that choose hard samples."""
 Inputs = dict[str, Stage | tuple[Stage, ...]]
@@ -56,6 +56,15 @@ class CellStages:
     def last(self) -> tuple[Stage, ...]:
         """Those that no other stage of the cell uses."""
         return self.evaluations or ((self.model,) if self.model else ())
+
+
+def _in_units(under: Config) -> ExecutionConfig:
+    """Settings of execution as an evaluation has them: the threshold of confidence as it is."""
+    execution = without(under.execution, "protocol", "changes", "confidence_unit")
+    if under.execution.confidence_unit == "one":
+        return execution
+    least = execution.min_confidence * under.losses.weights.confidence
+    return dataclasses.replace(execution, min_confidence=least)
 
 
 def _unused_in_pretraining(config: Config) -> tuple[str, ...]:
@@ -220,7 +229,7 @@ class GraphBuilder:
         settings = {
             "row": "model" if trained or checkpoint else model,
             "hand": under.hand,
-            "execution": without(under.execution, "protocol", "changes"),
+            "execution": _in_units(under),
             "physics": under.physics,
         }
         if checkpoint:
@@ -234,6 +243,9 @@ class GraphBuilder:
             inputs["model"] = trained
         if model == "planner":
             inputs["grasps"] = self.grasps(config, "test")
+        if under.execution.score == "outcome":
+            more = judge(self, config, trained, checkpoint)
+            settings, inputs, hints = settings | more[0], inputs | more[1], hints | more[2]
         shards = self.scenes(config, "test")
         return CellStages(
             trained,

@@ -19,8 +19,13 @@ if TYPE_CHECKING:
 
 WEIGHTS = "weights.safetensors"
 """The file by which a trained model is known."""
+JUDGE = "outcome.safetensors"
+"""The file by which an outcome predictor is known."""
 SELECTION = (
     "protocol",
+    "score",
+    "confidence_unit",
+    "cloud_margin",
     "changes",
     "grasps_per_scene",
     "min_confidence",
@@ -120,3 +125,40 @@ def _with(
 ) -> tuple[dict[str, Any], Inputs, dict[str, str]]:
     settings, inputs, hints = given
     return settings, {**inputs, "objects": objects}, hints
+
+
+def judge(
+    builder: GraphBuilder, config: Config, model: Stage | None, checkpoint: Path | None
+) -> tuple[dict[str, Any], Inputs, dict[str, str]]:
+    """Settings, inputs and hints that an evaluation ranked by an outcome predictor has besides."""
+    folder = _given_judge(config, checkpoint)
+    if folder is not None:
+        return {"judge": file_digest(folder / JUDGE)}, {}, {"judge": str(folder)}
+    return {}, {"judge": outcome(builder, config, proposer_of(config, model, checkpoint))}, {}
+
+
+def outcome(builder: GraphBuilder, config: Config, proposer: Stage | Path) -> Stage:
+    """The predictor that learns from the executed predictions of a model."""
+    settings = {
+        "outcome": without(config.outcome, "objects", "proposer", "judge", "rollouts"),
+        "hand": executed(config).hand,
+        "seed": config.training.seed,
+    }
+    trials = rollouts(builder, config, proposer)
+    inputs: Inputs = {"hand": builder.hand(config), "rollouts": trials}
+    return builder.stage("outcome", f"seed {config.training.seed}", settings, inputs)
+
+
+def _given_judge(config: Config, checkpoint: Path | None) -> Path | None:
+    """The folder of a finished predictor; None: it is to be trained."""
+    wanted = config.outcome.judge
+    if wanted == "train":
+        return None
+    if not wanted:
+        return checkpoint if checkpoint and (checkpoint / JUDGE).is_file() else None
+    from dmfc.prediction.models import shipped_folder
+
+    folder = shipped_folder(wanted) or Path(wanted).expanduser().absolute()
+    if not (folder / JUDGE).is_file():
+        raise DmfcError(f"outcome.judge: there is no {JUDGE} in {folder}")
+    return folder

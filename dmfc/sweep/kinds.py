@@ -81,9 +81,9 @@ KINDS: Registry = registry(
         cpus=_training_cpus,
         gpus=_training_gpus,
     ),
-    StageKind("rollouts", "dmfc.sweep.stages_outcome:rollouts", version=1),
+    StageKind("rollouts", "dmfc.sweep.stages_outcome:rollouts", version=1, may_fail=True),
     StageKind("outcome", "dmfc.sweep.stages_outcome:outcome", version=1),
-    StageKind("evaluate", "dmfc.sweep.stages:evaluate", version=6),
+    StageKind("evaluate", "dmfc.sweep.stages:evaluate", version=7),
 )
 
 

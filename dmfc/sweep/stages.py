@@ -15,11 +15,13 @@ from dmfc.sweep.context import StageContext, write_json
 from dmfc.sweep.ledger import failure_in, read_record
 
 if TYPE_CHECKING:
+    from dmfc.config.hand import HandConfig
     from dmfc.execution.evaluate import Evaluation
     from dmfc.grasps.grasp_set import GraspSet
     from dmfc.hand.model import HandModel
     from dmfc.losses.atlas import ObjectAtlas
     from dmfc.objects.model import ObjectModel
+    from dmfc.outcome.judge import Judge
 
 HAND, OBJECT, GRASPS, SCENES = "hand.npz", "object.npz", "grasps.parquet", "scenes.parquet"
 
@@ -138,7 +140,6 @@ def evaluation_of(
     """What an evaluation stage executes, from its settings and the folders of its inputs."""
     from dmfc.execution.evaluate import Evaluation
     from dmfc.hand.description import load_description
-    from dmfc.hand.model import HandModel
     from dmfc.scenes.scene_set import SceneSet
     from dmfc.training.weights import load_network
 
@@ -153,11 +154,7 @@ def evaluation_of(
         return whole(folders)
 
     row = config["row"]
-    hand = dataclasses.replace(
-        HandModel.load(one("hand") / HAND),
-        opening=config["hand"].opening,
-        squeeze=config["hand"].squeeze,
-    )
+    hand = hand_with(config["hand"], one("hand"))
     network = None
     if row == "model":
         weights = Path(hints["weights"]) if "weights" in config else one("model")
@@ -172,7 +169,32 @@ def evaluation_of(
         description=load_description(config["hand"].name),
         physics=config["physics"],
         config=config["execution"],
+        judge=_judge(config, inputs, hints, hand)
+        if config["execution"].score == "outcome"
+        else None,
     )
+
+
+def _judge(
+    config: Mapping[str, Any],
+    inputs: Mapping[str, Path | list[Path]],
+    hints: Mapping[str, str],
+    hand: HandModel,
+) -> Judge:
+    """The outcome predictor of an evaluation: a folder of the user's, or a stage."""
+    from dmfc.outcome.judge import Judge
+
+    folder = Path(hints["judge"]) if "judge" in config else inputs["judge"]
+    assert isinstance(folder, Path)
+    return Judge.load(folder, hand)
+
+
+def hand_with(config: HandConfig, folder: Path) -> HandModel:
+    """The hand's model, opened and squeezed as the settings of execution say."""
+    from dmfc.hand.model import HandModel
+
+    hand = HandModel.load(folder / HAND)
+    return dataclasses.replace(hand, opening=config.opening, squeeze=config.squeeze)
 
 
 class Objects(Mapping[str, "ObjectModel"]):

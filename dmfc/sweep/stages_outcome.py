@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from dmfc.sweep.context import StageContext
-from dmfc.sweep.stages import HAND, SCENES, Objects, evaluation_of, present
+from dmfc.sweep.stages import HAND, SCENES, Objects, evaluation_of, hand_with, present
 
 if TYPE_CHECKING:
     from pathlib import Path
 
 
 def rollouts(ctx: StageContext) -> None:
-    """rollouts: `scenes.parquet`, and `rollouts.parquet` with the trials in them."""
+    """rollouts: `scenes.parquet`, `rollouts.parquet` with the trials in them. May fail."""
     from dmfc.execution.rollouts import roll_out
     from dmfc.hand.model import HandModel
     from dmfc.scenes.make import make_scene_file
@@ -31,3 +31,19 @@ def rollouts(ctx: StageContext) -> None:
     inputs: dict[str, Path | list[Path]] = {**ctx.inputs, "scenes": ctx.out, "objects": objects}
     evaluation = evaluation_of(ctx.config, inputs, ctx.hints)
     roll_out(evaluation, ctx.config["rollouts"], ctx.out, ctx.progress)
+
+
+def outcome(ctx: StageContext) -> None:
+    """outcome: `outcome.safetensors` and `outcome.json`."""
+    from dmfc.execution.rollouts import ROLLOUTS
+    from dmfc.outcome.features import FeatureMaker
+    from dmfc.outcome.fit import fit
+    from dmfc.outcome.judge import save_judge
+    from dmfc.outcome.trials import read_trials
+
+    hand = hand_with(ctx.config["hand"], ctx.input("hand"))
+    folders = present(ctx.input_list("rollouts"))
+    trials = read_trials([(f / ROLLOUTS, f / SCENES) for f in folders], FeatureMaker(hand))
+    config = ctx.config["outcome"]
+    net, report = fit(trials, config, ctx.config["seed"], ctx.work, ctx.progress)
+    save_judge(net, config, hand, report, ctx.out)
