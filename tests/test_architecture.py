@@ -105,7 +105,7 @@ def loaded_by(*names: str) -> set[str]:
 
 
 def test_the_command_line_is_light():
-    loaded = loaded_by("dmfc.cli", "dmfc.sweep.plan", "dmfc.sweep.engine", "dmfc.sweep.watch")
+    loaded = loaded_by("dmfc.cli.main", "dmfc.sweep.plan", "dmfc.engine.engine", "dmfc.engine.watch")
     assert not loaded & HEAVY
 
 
@@ -114,7 +114,7 @@ def test_learning_needs_no_simulator_and_no_orchestration():
     code = f"""
 import sys
 sys.modules.update(dict.fromkeys({sorted(ABSENT)}))
-import dmfc.training.fit, dmfc.scenes.dataset, dmfc.losses.atlas
+import dmfc.training.fit, dmfc.training.data, dmfc.objects.atlas
 """
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True)
 

@@ -36,7 +36,7 @@ from dmfc.outcome.judge import Judge
 from dmfc.physics.world import World
 from dmfc.prediction.cloud_check import CloudCheck
 from dmfc.scenes.scene_set import Scene, SceneSet
-from dmfc.training.predict import predict
+from dmfc.network.inference import predict
 
 Row = Literal["model", "planner", "random"]
 Progress = Callable[[float, str], None]

@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from dmfc.config.losses import Q1Config
-from dmfc.losses.atlas import SceneObjects
+from dmfc.objects.atlas import SceneObjects
 from dmfc.losses.q1_kernel import critical
 
 LEVELS = {64: 2, 728: 3, 4032: 4}

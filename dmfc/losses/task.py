@@ -12,11 +12,11 @@ from dmfc.errors import unknown_name
 from dmfc.geometry.transforms import transform
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.model import HandModel
-from dmfc.losses.atlas import SceneObjects
+from dmfc.objects.atlas import SceneObjects
 from dmfc.losses.clamp import clamp_joints
 from dmfc.losses.collision import SelfCollision, collision
 from dmfc.losses.guidance import guidance
-from dmfc.losses.own import OwnTerms, PlacedHands
+from dmfc.losses.custom import OwnTerms, PlacedHands
 from dmfc.losses.q1 import grasp_contacts, q1_of_contacts
 from dmfc.losses.q1_lower import q1_lower_of_contacts
 

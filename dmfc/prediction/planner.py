@@ -21,8 +21,8 @@ from dmfc.prediction.models import model_folder
 from dmfc.prediction.ranked import RankedGrasps
 from dmfc.prediction.table_plane import find_table
 from dmfc.scenes.augment import choose
-from dmfc.training.predict import predict
-from dmfc.training.weights import load_alone
+from dmfc.network.inference import predict
+from dmfc.network.checkpoint import load_alone
 
 if TYPE_CHECKING:
     from dmfc.prediction.cloud_check import CloudCheck

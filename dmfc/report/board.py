@@ -11,12 +11,12 @@ from rich.table import Table
 
 from dmfc.report.collect import TRIALS
 from dmfc.report.rates import Rate
-from dmfc.sweep.context import read_progress
-from dmfc.sweep.kinds import KINDS, Registry
-from dmfc.sweep.ledger import Ledger
-from dmfc.sweep.stage import Stage
-from dmfc.sweep.watch import Progress, duration
-from dmfc.sweep.worker import Job, Outcome
+from dmfc.engine.context import read_progress
+from dmfc.engine.kinds import KINDS, Registry
+from dmfc.engine.ledger import Ledger
+from dmfc.engine.stage import Stage
+from dmfc.engine.watch import Progress, duration
+from dmfc.engine.worker import Job, Outcome
 
 LINES = 30
 """Cells shown at once: those at work first."""

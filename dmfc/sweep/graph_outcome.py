@@ -12,10 +12,10 @@ from dmfc.config.scenes import SceneSetConfig
 from dmfc.config.schema import Config
 from dmfc.errors import DmfcError
 from dmfc.grasps.library import file_digest
-from dmfc.sweep.stage import Stage, without
+from dmfc.engine.stage import Stage, without
 
 if TYPE_CHECKING:
-    from dmfc.sweep.graph import GraphBuilder, Inputs
+    from dmfc.pipeline.graph import GraphBuilder, Inputs
 
 WEIGHTS = "weights.safetensors"
 """The file by which a trained model is known."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from dmfc.sweep.context import StageContext
-from dmfc.sweep.stages import HAND, SCENES, Objects, evaluation_of, hand_with, present
+from dmfc.engine.context import StageContext
+from dmfc.pipeline.stages import HAND, SCENES, Objects, evaluation_of, hand_with, present
 
 if TYPE_CHECKING:
     from pathlib import Path

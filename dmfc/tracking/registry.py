@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from dmfc.report.table import SweepTable
-from dmfc.sweep.ledger import Ledger
+from dmfc.engine.ledger import Ledger
 
 if TYPE_CHECKING:
     from mlflow.tracking import MlflowClient

@@ -20,14 +20,14 @@ from mujoco.rollout import Rollout
 from dmfc.config.load import load_config
 from dmfc.execution.evaluate import TRIALS, evaluate_shard
 from dmfc.execution.trial import TrialRunner
-from dmfc.sweep.engine import run_stages
-from dmfc.sweep.graph import GraphBuilder
-from dmfc.sweep.ledger import Ledger
-from dmfc.sweep.replay import input_folders
-from dmfc.sweep.selection import list_refs
-from dmfc.sweep.stages import evaluation_of
-from tests.execution.execution_shapes import runner, standing
-from tests.grasps.grasp_shapes import planned, shape
+from dmfc.engine.engine import run_stages
+from dmfc.pipeline.graph import GraphBuilder
+from dmfc.engine.ledger import Ledger
+from dmfc.pipeline.replay import input_folders
+from dmfc.pipeline.selection import list_refs
+from dmfc.pipeline.stages import evaluation_of
+from tests.support.execution_shapes import runner, standing
+from tests.support.grasp_shapes import planned, shape
 
 HUNDRED = ["grasps.source=library", "scenes.test={kind: single, count: 100}"]
 """The planner's row over 100 scenes of one object of YCB in random pose, K = 4."""

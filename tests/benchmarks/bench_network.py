@@ -11,7 +11,7 @@ import torch
 from dmfc.config.network import NetworkConfig
 from dmfc.geometry.points import farthest_points
 from dmfc.network.model import DmfcGraspNet
-from dmfc.training.predict import predict
+from dmfc.network.inference import predict
 from tests.benchmarks.compare import Compare
 from tests.benchmarks.reference import ReferenceNet
 from tests.benchmarks.workload import surface_cloud

@@ -26,7 +26,7 @@ from dmfc.hand.build import build_hand
 from dmfc.objects.model import ObjectModel
 from dmfc.objects.prepare import prepare_to
 from dmfc.objects.sources import list_objects
-from dmfc.scenes.dataset import SceneData
+from dmfc.training.data import SceneData
 from dmfc.scenes.make import SceneMaker, make_scene_file
 from dmfc.scenes.scene_set import SceneSet
 

@@ -10,7 +10,7 @@ from dmfc.hand.model import HandModel
 from dmfc.objects.model import ObjectModel
 from dmfc.scenes.make import SceneMaker
 from dmfc.scenes.scene_set import Scene
-from tests.scenes import scene_shapes
+from tests.support import scene_shapes
 
 
 @pytest.fixture(scope="session")

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from dmfc.config.schema import Config
-from dmfc.sweep.ledger import Ledger
-from tests.sweep.two_nodes import patiently
+from dmfc.engine.ledger import Ledger
+from tests.chaos.two_nodes import patiently
 
 ROOT = Path(__file__).resolve().parents[2]
 

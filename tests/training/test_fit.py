@@ -19,11 +19,11 @@ from dmfc.errors import DmfcError
 from dmfc.training.failure import read_failure
 from dmfc.training.fit import fit
 from dmfc.training.module import TIMINGS
-from dmfc.training.predict import predict
+from dmfc.network.inference import predict
 from dmfc.training.replay import replay
 from dmfc.training.settings import FitConfig
-from dmfc.training.weights import load_network
-from tests.training.toy import NETWORK, ToyData, toy_atlas, toy_hand, toy_scene
+from dmfc.network.checkpoint import load_network
+from tests.support.toy import NETWORK, ToyData, toy_atlas, toy_hand, toy_scene
 
 TRAINING = TrainingConfig(
     pretrain=StageSchedule(epochs=4),

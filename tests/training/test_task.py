@@ -19,8 +19,8 @@ from dmfc.training.measures import label_errors
 from dmfc.training.module import GraspTraining
 from dmfc.training.settings import FitConfig
 from dmfc.training.task import Task
-from dmfc.training.weights import new_network
-from tests.training.toy import NETWORK, toy_atlas, toy_batch, toy_hand
+from dmfc.network.checkpoint import new_network
+from tests.support.toy import NETWORK, toy_atlas, toy_batch, toy_hand
 
 LOSSES = LossConfig(weights=LossWeights(1.0, 10.0, 1.0, 0.5, 1.0), q1=Q1Config(directions=64))
 

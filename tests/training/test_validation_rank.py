@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import spearmanr
 
 from dmfc.report.rates import Rate, Rates
-from tests.benchmarks.validation_rank import Model, correlation, draw, shared_measures
+from analysis.validation_rank import Model, correlation, draw, shared_measures
 
 
 def models(count: int = 6) -> list[Model]:
