@@ -12,9 +12,9 @@ from dmfc.config.execution import ExecutionConfig
 from dmfc.geometry.points import farthest_points
 from dmfc.grasps.grasp_set import GraspSet
 from dmfc.hand.model import HandModel
-from dmfc.scenes.carry import grasps_in_scene
+from dmfc.network.inference import PredictedGrasps
+from dmfc.scenes.scene_grasps import grasps_in_scene
 from dmfc.scenes.scene_set import Scene
-from dmfc.training.predict import PredictedGrasps
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from torch import Tensor
 
-from dmfc.losses.atlas import SceneObjects
+from dmfc.objects.atlas import SceneObjects
 
 
 def guidance(inner_points: Tensor, objects: SceneObjects) -> Tensor:

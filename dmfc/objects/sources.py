@@ -8,7 +8,7 @@ A selector is one of
     ycb:test                a named subset: the 16 test objects of the paper
     procedural:20?from=100  twenty generated objects, beginning with number 100
     folder:/path?unit=mm    the user's own mesh file or folder of mesh files (m, cm, mm, inch)
-    rings.py:rings          what a function in a file of the user's own lists (`dmfc.objects.own`)
+    rings.py:rings          what a function in the user's file lists (`dmfc.objects.custom`)
     rings.py:rings/small    one of them
 
 Listing reads no mesh, but downloads the pack of a source that needs one.
@@ -124,7 +124,7 @@ def _select(selector: str) -> list[ObjectSource]:
     if head == "procedural":
         return _procedural(rest, selector, by_name)
     if head.endswith(".py"):
-        from dmfc.objects.own import own_sources
+        from dmfc.objects.custom import own_sources
 
         return own_sources(head, rest, selector)
     makers = {"ycb": _ycb, "household": _household, "random": _random}

@@ -12,10 +12,10 @@ import torch
 from torch import Tensor
 
 from dmfc.config.execution import ExecutionConfig
+from dmfc.geometry.box_kernel import points_in_boxes
 from dmfc.geometry.grid_atlas import GridAtlas
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.model import HandModel
-from dmfc.losses.box_kernel import points_in_boxes
 
 
 class CloudCheck:

@@ -47,8 +47,8 @@ def export_model(stage: Path, out: Path, default: bool = False, measured: str = 
     of the models beside it. Its card is written anew. Raises DmfcError where `stage` holds no
     network, or one too large to be shipped.
     """
+    from dmfc.network.checkpoint import load_alone
     from dmfc.prediction.card import model_card
-    from dmfc.training.weights import load_alone
 
     load_alone(stage)
     size = (stage / WEIGHTS).stat().st_size / 1e6

@@ -11,7 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from dmfc.sweep.ledger import Ledger
+from dmfc.engine.ledger import Ledger
 
 METRICS = "metrics.jsonl"
 STAGES = ("pretrain", "finetune")

@@ -10,7 +10,7 @@ from typing import Any
 
 from rich.table import Table
 
-from dmfc.sweep.ledger import Ledger
+from dmfc.engine.ledger import Ledger
 from dmfc.sweep.search import measures_of, objective_of
 
 

@@ -18,7 +18,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from dmfc.errors import DmfcError
-from dmfc.scenes.storage import located
+from dmfc.files.storage import located
 
 VERSION = 2
 _KIND = b"dmfc.scene_set"
@@ -52,7 +52,7 @@ class Scene:
     dropped: dict[str, int]
     """Reason -> labels that were dropped."""
     depth: bytes = b""
-    """The depth images (`dmfc.scenes.depth.decode`); empty where they are not kept."""
+    """The depth images (`dmfc.sensing.depth.decode`); empty where they are not kept."""
 
 
 _SCHEMA = pa.schema(

@@ -7,12 +7,12 @@ import json
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
+from dmfc.engine.ledger import Ledger
+from dmfc.engine.stage import plain
 from dmfc.errors import DmfcError
-from dmfc.sweep.graph import GraphBuilder
-from dmfc.sweep.ledger import Ledger
+from dmfc.pipeline.graph import GraphBuilder
 from dmfc.sweep.plan import CellPlan, SweepPlan, plan_cell
 from dmfc.sweep.search import Settings, objective_of, suggest
-from dmfc.sweep.stage import plain
 from dmfc.sweep.sweep_file import BEST, Cell, Sweep, cell_config
 
 

@@ -14,8 +14,8 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
+from dmfc.engine.ledger import Ledger
 from dmfc.errors import DmfcError
-from dmfc.sweep.ledger import Ledger
 
 END_SECONDS = 120.0
 """Time that the driver waits for the last update."""
@@ -64,7 +64,7 @@ class LiveTracking:
 
 def write_until_closed(store: Path, uri: str, seconds: float, sweep_ids: Sequence[str]) -> None:
     """Bring MLflow up to date every so many seconds until standard input closes, and once more."""
-    from dmfc.sweep.state import read_state
+    from dmfc.engine.state import read_state
     from dmfc.tracking.project import project_sweep
     from dmfc.tracking.writer import Writer
 

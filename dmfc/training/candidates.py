@@ -14,7 +14,7 @@ from dmfc.losses.chamfer import chamfer, grasp_vector
 from dmfc.network.model import Prediction
 
 Batch = dict[str, Tensor]
-"""What `dmfc.scenes.dataset.collate` makes; shapes are told there."""
+"""What `dmfc.training.data.collate` makes; shapes are told there."""
 
 
 @dataclass(frozen=True)

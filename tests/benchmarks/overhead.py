@@ -21,9 +21,9 @@ def main(count: int) -> None:
     import ray
 
     from dmfc.config.schema import Config
-    from dmfc.sweep.engine import run_stages
-    from dmfc.sweep.ledger import Ledger
-    from tests.sweep.trivial_graph import TRIVIAL, trivial
+    from dmfc.engine.engine import run_stages
+    from dmfc.engine.ledger import Ledger
+    from tests.support.trivial_graph import TRIVIAL, trivial
 
     def targets() -> list:
         roots = [trivial("add", f"r{i}", i) for i in range(count // 20)]

@@ -17,11 +17,11 @@ from dmfc.config.training import TrainingConfig
 from dmfc.geometry.points import farthest_points
 from dmfc.geometry.rotations import random_rotations
 from dmfc.hand.model import HandModel
-from dmfc.losses.atlas import ObjectAtlas
+from dmfc.network.checkpoint import new_network
+from dmfc.objects.atlas import ObjectAtlas
 from dmfc.training.module import GraspTraining
 from dmfc.training.task import Stage, Task
-from dmfc.training.weights import new_network
-from tests.training.toy import Box, box_grid, box_points
+from tests.support.toy import Box, box_grid, box_points
 
 OBJECTS = 4
 LOSSES = LossConfig(weights=LossWeights(1.0, 1.0, 1.0, 1.0, 1.0), q1=Q1Config(directions=728))

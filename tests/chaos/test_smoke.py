@@ -14,18 +14,18 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from dmfc.sweep.context import read_attempt
-from dmfc.sweep.ledger import Ledger
-from dmfc.sweep.state import read_state
+from dmfc.engine.context import read_attempt
+from dmfc.engine.ledger import Ledger
+from dmfc.engine.state import read_state
 from dmfc.tracking.ui import free_port
-from tests.sweep.test_chaos import one_finished_run_per_cell, rows
-from tests.sweep.two_nodes import TwoNodes
+from tests.chaos.test_chaos import one_finished_run_per_cell, rows
+from tests.chaos.two_nodes import TwoNodes
 
 pytestmark = pytest.mark.chaos
 ROOT = Path(__file__).resolve().parents[2]
 PATIENCE = 1800.0
 SWEEP = ("sweep", "table2", "--preset", "smoke", "--json")
-COMMAND = [sys.executable, "-c", "from dmfc.cli import main; main()"]
+COMMAND = [sys.executable, "-c", "from dmfc.cli.main import main; main()"]
 
 
 @pytest.fixture(autouse=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from dmfc.config.own_function import own_function
+from dmfc.config.custom_function import own_function
 from dmfc.errors import DmfcError
 
 

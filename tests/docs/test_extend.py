@@ -9,12 +9,12 @@ import torch
 from dmfc.config.hand import HandConfig
 from dmfc.config.losses import LossConfig
 from dmfc.hand.build import build_hand
-from dmfc.losses.atlas import ObjectAtlas, SceneObjects
 from dmfc.losses.task import SceneTerms
+from dmfc.objects.atlas import ObjectAtlas, SceneObjects
 from dmfc.objects.sources import list_objects
 from dmfc.sweep.sweep_file import cell_config, load_sweep
-from tests.docs.pages import run, write_files
-from tests.training.toy import toy_atlas
+from tests.support.pages import run, write_files
+from tests.support.toy import toy_atlas
 
 PAGE = "extend.md"
 

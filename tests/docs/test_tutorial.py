@@ -8,7 +8,7 @@ import trimesh
 from PIL import Image
 
 from dmfc.grasps.grasp_set import GraspSet
-from tests.docs.pages import commands, run, write_files
+from tests.support.pages import commands, run, write_files
 
 PAGE = "tutorial.md"
 

@@ -17,9 +17,9 @@ from dmfc.execution.candidates import (
     select,
 )
 from dmfc.hand.model import HandModel
-from dmfc.training.predict import PredictedGrasps
-from tests.execution.execution_shapes import scene_of, standing
-from tests.grasps.grasp_shapes import planned, shape
+from dmfc.network.inference import PredictedGrasps
+from tests.support.execution_shapes import scene_of, standing
+from tests.support.grasp_shapes import planned, shape
 
 CONFIG = ExecutionConfig()
 

@@ -16,8 +16,8 @@ from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.model import HandModel
 from dmfc.prediction.cloud_check import CloudCheck
 from dmfc.scenes.scene_set import Scene
-from tests.execution.execution_shapes import runner, scene_of, standing
-from tests.grasps.grasp_shapes import planned, shape
+from tests.support.execution_shapes import runner, scene_of, standing
+from tests.support.grasp_shapes import planned, shape
 
 CONFIG = ExecutionConfig(cloud_check=True)
 

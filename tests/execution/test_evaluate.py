@@ -15,8 +15,8 @@ from dmfc.execution.evaluate import DIVERSITY, TRIALS, Evaluation, evaluate_shar
 from dmfc.execution.outcome import REASONS
 from dmfc.report.rates import rates
 from dmfc.scenes.scene_set import Scene, SceneSet
-from tests.execution.execution_shapes import good
-from tests.grasps.grasp_shapes import shape
+from tests.support.execution_shapes import good
+from tests.support.grasp_shapes import shape
 
 K = ExecutionConfig().grasps_per_scene
 

@@ -14,16 +14,16 @@ from PIL import Image
 from dmfc.config.execution import ExecutionConfig
 from dmfc.config.physics import PhysicsConfig
 from dmfc.execution.candidates import GraspCandidates, at_random, select
-from dmfc.execution.dense import dense_picture, skeletons
-from dmfc.execution.picture import STEPS, trial_strip
 from dmfc.execution.trial import TrialRunner
 from dmfc.hand.mjcf import PREFIX
 from dmfc.hand.model import HandModel
 from dmfc.physics.gl import probe
 from dmfc.physics.world import World
-from tests.execution.execution_shapes import good, scene_of, standing
-from tests.grasps.grasp_shapes import planned, shadow, shape
-from tests.physics.physics_shapes import AWAY
+from dmfc.visualization.dense import dense_picture, skeletons
+from dmfc.visualization.trials import STEPS, trial_strip
+from tests.support.execution_shapes import good, scene_of, standing
+from tests.support.grasp_shapes import planned, shadow, shape
+from tests.support.physics_shapes import AWAY
 
 
 @pytest.fixture(scope="module")
@@ -105,7 +105,7 @@ def test_a_trial_is_filmed_as_it_was_run(hand: HandModel, tmp_path: Path) -> Non
 
 def test_what_is_drawn_is_where_it_is(hand: HandModel) -> None:
     """The block is orange; it is seen above the table where it is put above the table."""
-    from dmfc.physics.picture import Camera
+    from dmfc.visualization.simulation import Camera
 
     world = World(shadow()[1], [shape("block")], PhysicsConfig(), table_size=2.0, visual=True)
     rows = []

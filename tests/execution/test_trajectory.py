@@ -12,7 +12,7 @@ from dmfc.config.execution import ExecutionConfig
 from dmfc.execution.trajectory import Trajectory, plan_trajectory
 from dmfc.hand.model import HandModel
 from dmfc.physics.world import qpos_to_pose
-from tests.physics.physics_shapes import pose, random_pose
+from tests.support.physics_shapes import pose, random_pose
 
 CONFIG = ExecutionConfig()
 NAMES = ["raise", "descend", "approach", "close", "squeeze", "lift", "hold"]

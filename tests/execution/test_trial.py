@@ -17,9 +17,9 @@ from dmfc.execution.watch import Watch
 from dmfc.hand.model import HandModel
 from dmfc.physics.measure import touch
 from dmfc.physics.world import World
-from tests.execution.execution_shapes import good, runner, standing
-from tests.grasps.grasp_shapes import FRICTIONLESS, depth_in_block, heavy, planned, shape
-from tests.physics.physics_shapes import pose
+from tests.support.execution_shapes import good, runner, standing
+from tests.support.grasp_shapes import FRICTIONLESS, depth_in_block, heavy, planned, shape
+from tests.support.physics_shapes import pose
 
 HIGH = pose(z=0.3)
 

@@ -15,8 +15,8 @@ from dmfc.hand.mjcf import PREFIX
 from dmfc.hand.model import HandModel
 from dmfc.losses.q1 import lattice_directions
 from dmfc.physics.world import World
-from tests.execution.execution_shapes import good, runner, standing
-from tests.grasps.grasp_shapes import planned, shape
+from tests.support.execution_shapes import good, runner, standing
+from tests.support.grasp_shapes import planned, shape
 
 
 class Recorder:

@@ -8,7 +8,7 @@ import pytest
 
 from dmfc.hand.description import HandDescription
 from dmfc.hand.model import HandModel
-from tests.grasps import grasp_shapes
+from tests.support import grasp_shapes
 
 
 @pytest.fixture(scope="session")

@@ -13,8 +13,8 @@ from dmfc.grasps.check import check, checking_world, lifts, seat
 from dmfc.hand.description import HandDescription
 from dmfc.hand.model import HandModel
 from dmfc.physics.world import World
-from tests.grasps.grasp_shapes import CONFIG, FRICTIONLESS, heavy, planned, shape
-from tests.physics.physics_shapes import pose
+from tests.support.grasp_shapes import CONFIG, FRICTIONLESS, heavy, planned, shape
+from tests.support.physics_shapes import pose
 
 
 def world_of(

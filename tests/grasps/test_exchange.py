@@ -24,7 +24,7 @@ from dmfc.grasps.exchange.read import read_foreign
 from dmfc.grasps.grasp_set import GraspSet
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.mjcf import PREFIX, hand_model
-from tests.grasps import grasp_shapes
+from tests.support import grasp_shapes
 
 COUNT = 5
 FINGERS = ["FF", "MF", "RF", "LF", "TH"]

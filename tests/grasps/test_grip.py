@@ -10,7 +10,7 @@ from dmfc.grasps.grasp_set import GraspSet
 from dmfc.grasps.grip import GRIPS, TOUCH, grip_row, grips, link_distances, link_ranks
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.model import HandModel
-from tests.grasps.grasp_shapes import BALL_RADIUS, depth_in_block, planned, shape
+from tests.support.grasp_shapes import BALL_RADIUS, depth_in_block, planned, shape
 
 
 def around_ball(hand: HandModel, centre: np.ndarray) -> GraspSet:

@@ -11,7 +11,7 @@ from dmfc.grasps import hand_kernel
 from dmfc.grasps.propose import fingers
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.model import HandModel
-from tests.grasps.grasp_shapes import BLOCK_SIZE, shape
+from tests.support.grasp_shapes import BLOCK_SIZE, shape
 
 POSES = 60
 STILL = np.zeros(3)

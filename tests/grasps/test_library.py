@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
+from dmfc.engine.context import StageContext
 from dmfc.errors import DmfcError
+from dmfc.files.digest import file_digest
 from dmfc.grasps.grasp_set import GraspSet
-from dmfc.grasps.library import file_digest, file_name, library_file, library_folder
-from dmfc.sweep.context import StageContext
-from dmfc.sweep.stages import GRASPS, plan_grasps
+from dmfc.grasps.library import file_name, library_file, library_folder
+from dmfc.pipeline.stages import GRASPS, plan_grasps
 
 
 def one_grasp(object_id: str, digest: str) -> GraspSet:

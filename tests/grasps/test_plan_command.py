@@ -12,11 +12,11 @@ from pathlib import Path
 
 import pytest
 
-from dmfc import cli
-from dmfc.sweep import selection
-from dmfc.sweep.kinds import KINDS
-from dmfc.sweep.pools import LocalPool
-from tests.grasps.plan_stages import PLANNING, refs, shapes
+from dmfc.cli import main as cli
+from dmfc.engine.pools import LocalPool
+from dmfc.pipeline import selection
+from dmfc.pipeline.kinds import KINDS
+from tests.support.plan_stages import PLANNING, refs, shapes
 
 ROOT = Path(__file__).resolve().parents[2]
 GOOD = ["shape/box", "shape/cup"]
@@ -29,7 +29,7 @@ def dmfc(capsys, monkeypatch, tmp_path):
     for name, kind in PLANNING.items():
         monkeypatch.setitem(KINDS, name, kind)
     monkeypatch.setattr(selection, "list_refs", refs)
-    monkeypatch.setattr("dmfc.sweep.engine.RayPool", LocalPool)
+    monkeypatch.setattr("dmfc.engine.engine.RayPool", LocalPool)
 
     def call(*arguments: object) -> tuple[int, str, str]:
         options = ("--preset", "smoke", "--store", tmp_path / "store")
@@ -134,7 +134,7 @@ def test_a_killed_planning_goes_on_where_it_was(tmp_path):
     names = sorted(shapes())[:5]
 
     def command(store: str, seconds: float) -> subprocess.Popen:
-        call = [sys.executable, "-m", "tests.grasps.plan_stages", tmp_path / f"{store}.log"]
+        call = [sys.executable, "-m", "tests.support.plan_stages", tmp_path / f"{store}.log"]
         call += [str(seconds), "grasps", "plan", *names, "--preset", "smoke"]
         call += ["--store", tmp_path / store, "--out", tmp_path / store / "out"]
         environment = {**os.environ, "PYTHONPATH": str(ROOT)}

@@ -16,7 +16,7 @@ from dmfc.grasps.planner import palm_hits, plan
 from dmfc.hand.description import HandDescription
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.model import HandModel
-from tests.grasps.grasp_shapes import (
+from tests.support.grasp_shapes import (
     BALL_RADIUS,
     BLOCK_SIZE,
     CONFIG,

@@ -13,8 +13,8 @@ from dmfc.grasps.propose import Candidates, Proposer, fingers
 from dmfc.hand.description import HandDescription
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.model import HandModel
-from tests.grasps.grasp_shapes import BALL_RADIUS, BLOCK_SIZE, CONFIG, depth_in_block, shape
-from tests.scenes.scene_shapes import paddle
+from tests.support.grasp_shapes import BALL_RADIUS, BLOCK_SIZE, CONFIG, depth_in_block, shape
+from tests.support.scene_shapes import paddle
 
 BOTTOM = -BLOCK_SIZE[2] / 2
 

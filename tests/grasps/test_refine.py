@@ -18,9 +18,9 @@ from dmfc.grasps.refine import Objective, Refiner, refine
 from dmfc.hand.description import HandDescription
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.model import HandModel
-from dmfc.losses.atlas import ObjectAtlas, SceneObjects
-from tests.grasps.grasp_shapes import BALL_RADIUS, CONFIG, depth_in_block, planned, shape
-from tests.losses.loss_shapes import slope
+from dmfc.objects.atlas import ObjectAtlas, SceneObjects
+from tests.support.grasp_shapes import BALL_RADIUS, CONFIG, depth_in_block, planned, shape
+from tests.support.loss_shapes import slope
 
 STEPS = RefineConfig(steps=15, step=0.02, points=0)
 DEPTH = {"block": depth_in_block, "ball": lambda p: BALL_RADIUS - np.linalg.norm(p, axis=-1)}

@@ -19,7 +19,7 @@ from dmfc.hand.description import load_description
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.mjcf import PREFIX, hand_model
 from dmfc.hand.model import HandModel
-from tests.physics.physics_shapes import block
+from tests.support.physics_shapes import block
 
 pytestmark = pytest.mark.full  # pulls a pack of 89 MB
 

@@ -15,9 +15,10 @@ from packaging.requirements import Requirement
 from ray.scripts import scripts as ray_cli
 from typer.testing import CliRunner
 
-from dmfc import cli, cli_sweep
-from dmfc.sweep import selection
-from tests.sweep.fake_science import fake_refs
+from dmfc.cli import main as cli
+from dmfc.cli import sweep as cli_sweep
+from dmfc.pipeline import selection
+from tests.support.fake_science import fake_refs
 
 HERE = Path(__file__).resolve().parent
 

@@ -12,8 +12,8 @@ from dmfc.geometry.grid import Grid
 from dmfc.geometry.rotations import random_rotations
 from dmfc.geometry.transforms import transform
 from dmfc.hand.model import HandModel
-from dmfc.losses.atlas import ObjectAtlas, SceneObjects
-from tests.losses.loss_shapes import BOX, ball_distance, box_distance
+from dmfc.objects.atlas import ObjectAtlas, SceneObjects
+from tests.support.loss_shapes import BOX, ball_distance, box_distance
 
 
 @pytest.fixture(scope="session")

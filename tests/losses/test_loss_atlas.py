@@ -10,8 +10,8 @@ import torch
 
 from dmfc.errors import DmfcError
 from dmfc.geometry.transforms import apply, inverse
-from dmfc.losses.atlas import ObjectAtlas, SceneObjects
-from tests.losses.loss_shapes import BALL, ball_distance, box_distance
+from dmfc.objects.atlas import ObjectAtlas, SceneObjects
+from tests.support.loss_shapes import BALL, ball_distance, box_distance
 
 
 def points(n: int = 2, count: int = 300) -> torch.Tensor:

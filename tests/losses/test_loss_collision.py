@@ -9,10 +9,10 @@ import torch
 from dmfc.geometry.transforms import apply, inverse
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.model import HandModel
-from dmfc.losses.atlas import SceneObjects
 from dmfc.losses.collision import SelfCollision, collision, object_penetration, table_penetration
 from dmfc.losses.guidance import guidance
-from tests.losses.loss_shapes import BALL, ball_distance, box_distance, slope
+from dmfc.objects.atlas import SceneObjects
+from tests.support.loss_shapes import BALL, ball_distance, box_distance, slope
 
 
 def around(centre: torch.Tensor, spread: float, count: int = 200, seed: int = 0) -> torch.Tensor:

@@ -11,9 +11,9 @@ import torch
 from scipy.spatial import ConvexHull
 
 from dmfc.config.losses import Q1Config
-from dmfc.losses.atlas import SceneObjects
 from dmfc.losses.q1 import _critical, cone_support, lattice_directions, q1_of_contacts, q1_upper
-from tests.losses.loss_shapes import slope
+from dmfc.objects.atlas import SceneObjects
+from tests.support.loss_shapes import slope
 
 # Torques of 10 cm arms count as forces do: the hull is round enough for qhull.
 ROUND = Q1Config(torque_weight=10.0, directions=728)

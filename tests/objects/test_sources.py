@@ -115,7 +115,7 @@ def test_folder(tmp_path):
 
 OWN = """
 import trimesh
-from dmfc.objects.own import OwnObject
+from dmfc.objects.custom import OwnObject
 
 def boxes():
     return [OwnObject(f"box-{n}", lambda: trimesh.creation.box((0.04, 0.05, 0.06)), mass=0.2)

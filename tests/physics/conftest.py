@@ -9,7 +9,7 @@ import pytest
 from dmfc.config.physics import PhysicsConfig
 from dmfc.hand.description import HandDescription, load_description
 from dmfc.physics.world import World
-from tests.physics.physics_shapes import STANDING, block, place, pose
+from tests.support.physics_shapes import STANDING, block, place, pose
 
 
 @pytest.fixture(scope="session")

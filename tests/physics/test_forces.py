@@ -10,7 +10,7 @@ from dmfc.config.physics import PhysicsConfig
 from dmfc.hand.description import HandDescription
 from dmfc.hand.mjcf import PREFIX, dof_actuators, hand_spec
 from dmfc.physics.world import World
-from tests.physics.physics_shapes import GRAVITY, ball, block, place, pose, step
+from tests.support.physics_shapes import GRAVITY, ball, block, place, pose, step
 
 
 def test_gains_are_scaled_torque_limits_are_not(description: HandDescription) -> None:

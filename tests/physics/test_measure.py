@@ -16,7 +16,7 @@ from dmfc.physics.measure import (
     touch,
 )
 from dmfc.physics.world import World, pose_to_qpos
-from tests.physics.physics_shapes import (
+from tests.support.physics_shapes import (
     AWAY,
     GRAVITY,
     STANDING,

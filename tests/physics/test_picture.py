@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dmfc.physics.picture import strip
+from dmfc.visualization.simulation import strip
 
 
 def test_a_strip_lays_frames_side_by_side() -> None:

@@ -17,7 +17,7 @@ from dmfc.hand.description import HandDescription
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.mjcf import PREFIX
 from dmfc.physics.world import World, pose_to_qpos, qpos_to_pose
-from tests.physics.physics_shapes import (
+from tests.support.physics_shapes import (
     AWAY,
     GRAVITY,
     STANDING,

@@ -14,7 +14,7 @@ from dmfc.config.losses import LossConfig
 from dmfc.config.training import TrainingConfig
 from dmfc.hand.description import load_description
 from dmfc.network.model import DmfcGraspNet
-from tests.training.toy import NETWORK
+from tests.support.toy import NETWORK
 
 LIMIT = 0.4
 

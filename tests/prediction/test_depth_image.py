@@ -15,7 +15,7 @@ from dmfc.prediction.depth_image import (
     read_image,
     read_pose,
 )
-from tests.prediction import clouds
+from tests.support import clouds
 
 CAMERA = clouds.CAMERAS[1]
 INTRINSICS = Intrinsics(CAMERA.focal, CAMERA.focal, CAMERA.width / 2 - 0.5, CAMERA.height / 2 - 0.5)

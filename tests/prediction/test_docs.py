@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from dmfc.grasps.grasp_set import GraspSet
-from tests.prediction import clouds
+from tests.support import clouds
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "predict.md"
 

@@ -14,12 +14,12 @@ from dmfc.config.hand import HandConfig
 from dmfc.errors import DmfcError
 from dmfc.grasps.grasp_set import GraspSet
 from dmfc.hand.build import build_hand
+from dmfc.network.checkpoint import load_alone
 from dmfc.prediction.cloud_check import CloudCheck
 from dmfc.prediction.planner import load, upright
-from dmfc.training.weights import load_alone
-from tests.prediction import clouds
 from tests.prediction.conftest import LIMIT
-from tests.training.toy import SEEDS
+from tests.support import clouds
+from tests.support.toy import SEEDS
 
 
 @pytest.fixture(scope="module")

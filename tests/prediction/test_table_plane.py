@@ -8,7 +8,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from dmfc.prediction.table_plane import THICKNESS, find_table
-from tests.prediction import clouds
+from tests.support import clouds
 
 Z = np.array([0.0, 0, 1])
 

@@ -5,17 +5,17 @@ from __future__ import annotations
 import dataclasses
 from pathlib import Path
 
+from dmfc.engine.engine import run_stages
+from dmfc.engine.ledger import Ledger
+from dmfc.pipeline.graph import GraphBuilder
 from dmfc.report.collect import collect, read_sweep, table_of
-from dmfc.sweep.engine import run_stages
-from dmfc.sweep.graph import GraphBuilder
-from dmfc.sweep.ledger import Ledger
 from dmfc.sweep.plan import plan_sweep
 from dmfc.sweep.sweep_file import load_sweep
-from tests.sweep.fake_science import FAKES, fake_refs
+from tests.support.fake_science import FAKES, fake_refs
 
 CRASHING = FAKES | {
     "evaluate": dataclasses.replace(
-        FAKES["evaluate"], entry="tests.sweep.dying_stages:fake_evaluate_or_crash"
+        FAKES["evaluate"], entry="tests.support.dying_stages:fake_evaluate_or_crash"
     )
 }
 SCENES, K = 6, 4

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from dmfc import cli
 from dmfc.assets.packs import get_pack
-from dmfc.scenes.published import PublishedSet
-from dmfc.sweep import selection
-from dmfc.sweep.kinds import KINDS
-from dmfc.sweep.ledger import Ledger
-from dmfc.sweep.pools import LocalPool
-from tests.scenes.shape_stages import SHAPES, shape_refs
+from dmfc.cli import main as cli
+from dmfc.engine.ledger import Ledger
+from dmfc.engine.pools import LocalPool
+from dmfc.pipeline import selection
+from dmfc.pipeline.kinds import KINDS
+from dmfc.scenes.publish.published import PublishedSet
+from tests.support.shape_stages import SHAPES, shape_refs
 
 SETTINGS = ("--preset", "smoke", "--set", "scenes.train.kind=multi", "--set", "scenes.test.count=3")
 
@@ -27,7 +27,7 @@ def dmfc(capsys, monkeypatch):
     for name, kind in SHAPES.items():
         monkeypatch.setitem(KINDS, name, kind)
     monkeypatch.setattr(selection, "list_refs", shape_refs)
-    monkeypatch.setattr("dmfc.sweep.engine.RayPool", LocalPool)
+    monkeypatch.setattr("dmfc.engine.engine.RayPool", LocalPool)
 
     def call(*arguments: object) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["dmfc", *map(str, arguments)])

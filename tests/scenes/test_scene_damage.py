@@ -11,13 +11,13 @@ from pathlib import Path
 import pytest
 
 from dmfc.config.load import load_config
+from dmfc.engine.engine import run_stages
+from dmfc.engine.ledger import Ledger
+from dmfc.engine.store import forget_damaged
 from dmfc.errors import DmfcError
+from dmfc.pipeline.graph import GraphBuilder
 from dmfc.scenes.scene_set import SceneSet, write_shard
-from dmfc.sweep.engine import run_stages
-from dmfc.sweep.graph import GraphBuilder
-from dmfc.sweep.ledger import Ledger
-from dmfc.sweep.store import forget_damaged
-from tests.scenes.shape_stages import TROUBLED, shape_refs
+from tests.support.shape_stages import TROUBLED, shape_refs
 
 ROOT = Path(__file__).resolve().parents[2]
 CONFIG = load_config("smoke", ["scenes.train.kind=multi", "scenes.train.count=9"])

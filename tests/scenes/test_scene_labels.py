@@ -12,11 +12,11 @@ import trimesh
 from dmfc.config.scenes import MatchingConfig, ScenesConfig
 from dmfc.geometry import transforms
 from dmfc.hand.kinematics import HandKinematics
-from dmfc.scenes.carry import grasps_in_scene
 from dmfc.scenes.labels import HandAtGrasps, surviving_labels
 from dmfc.scenes.matching import match_grasps, positive_rates
-from dmfc.scenes.stats import scene_stats, stats_rows
-from tests.scenes import scene_shapes
+from dmfc.scenes.publish.stats import scene_stats, stats_rows
+from dmfc.scenes.scene_grasps import grasps_in_scene
+from tests.support import scene_shapes
 
 
 def labels_of(scene, grasps, hand):

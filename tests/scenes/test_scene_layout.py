@@ -15,7 +15,7 @@ from dmfc.errors import DmfcError
 from dmfc.geometry import transforms
 from dmfc.scenes.layout import choose_objects, make_layout
 from dmfc.scenes.placement import CollisionWorld
-from tests.scenes import scene_shapes
+from tests.support import scene_shapes
 
 MULTI = SceneSetConfig(kind="multi", count=20)
 CONFIG = ScenesConfig(train=MULTI)

@@ -12,9 +12,9 @@ from matplotlib.image import imread
 
 from dmfc.config.scenes import MatchingConfig
 from dmfc.hand.kinematics import HandKinematics
-from dmfc.scenes import drawing
 from dmfc.scenes.make import SceneMaker
-from dmfc.scenes.picture import scene_picture
+from dmfc.visualization import drawing
+from dmfc.visualization.scenes import scene_picture
 
 
 def test_contact_sheet(tmp_path, scenes, objects, grasps, hand, config):

@@ -7,17 +7,17 @@ from statistics import mean
 
 import pytest
 
-from dmfc import cli_drive
 from dmfc.config.load import shipped_file
+from dmfc.engine.engine import run_stages
+from dmfc.engine.ledger import Ledger
 from dmfc.errors import DmfcError
+from dmfc.experiment import drive as cli_drive
+from dmfc.pipeline.graph import GraphBuilder
 from dmfc.report.collect import table_of
-from dmfc.sweep.engine import run_stages
-from dmfc.sweep.graph import GraphBuilder
-from dmfc.sweep.ledger import Ledger
 from dmfc.sweep.plan import plan_sweep
 from dmfc.sweep.search import Range, Search, suggest
 from dmfc.sweep.sweep_file import load_sweep
-from tests.sweep.fake_science import FAKES, fake_refs
+from tests.support.fake_science import FAKES, fake_refs
 
 TEXT = """
 kind: search
@@ -193,12 +193,12 @@ def test_a_search_in_the_terminal_in_files_and_in_mlflow(driven_search, capsys):
 
 @pytest.fixture
 def driven_search(search, ledger, empty_database, monkeypatch):
-    from dmfc.sweep.kinds import KINDS
-    from dmfc.sweep.pools import LocalPool
+    from dmfc.engine.pools import LocalPool
+    from dmfc.pipeline.kinds import KINDS
 
     for name, fake in FAKES.items():
         monkeypatch.setitem(KINDS, name, fake)
-    monkeypatch.setattr("dmfc.sweep.engine.RayPool", LocalPool)
+    monkeypatch.setattr("dmfc.engine.engine.RayPool", LocalPool)
     (ledger.store / "mlflow").mkdir(parents=True)
     (ledger.store / "mlflow" / "mlflow.db").write_bytes(empty_database.read_bytes())
     return search(ledger), ledger

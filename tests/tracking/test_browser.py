@@ -40,7 +40,7 @@ def browser():
 def pages(finished):
     """Runs `dmfc ui` as a user does; gives what it printed: the address and the sweep's page."""
     project_sweep(finished.ledger, finished.id)
-    code = "from dmfc.cli import main; main()"
+    code = "from dmfc.cli.main import main; main()"
     server = subprocess.Popen(
         [sys.executable, "-c", code, "ui", "--port", "0", "--store", finished.ledger.store],
         stdout=subprocess.PIPE,

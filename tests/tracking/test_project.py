@@ -9,14 +9,15 @@ import pytest
 from mlflow.entities import ViewType
 from mlflow.tracking import MlflowClient
 
+from dmfc.engine.context import tell_attempt
+from dmfc.engine.state import driving, read_state, write_state
 from dmfc.errors import DmfcError
-from dmfc.sweep.context import tell_attempt, write_json
-from dmfc.sweep.state import driving, read_state, write_state
+from dmfc.files.atomic import write_json
 from dmfc.tracking.project import project_stale, project_sweep, rebuild
 from dmfc.tracking.store import database
 from dmfc.tracking.ui import serve
 from dmfc.tracking.writer import TAG_CELL, TAG_DIGEST, TAG_PARENT
-from tests.sweep import fake_science
+from tests.support import fake_science
 from tests.tracking.conftest import FinishedSweep
 
 

@@ -15,7 +15,7 @@ from dmfc.config.training import StageSchedule, TrainingConfig
 from dmfc.training.fit import fit
 from dmfc.training.settings import FitConfig
 from dmfc.training.task import Stage
-from tests.training.toy import NETWORK, ToyData, toy_atlas, toy_hand
+from tests.support.toy import NETWORK, ToyData, toy_atlas, toy_hand
 
 FILE = Path(__file__).with_suffix(".json")
 STEPS = 20

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from tests.benchmarks.throughput import Throughput, measure, report, table2_minutes
-from tests.training.toy import NETWORK, toy_hand
+from tests.support.toy import NETWORK, toy_hand
 
 
 def test_projected_time_is_that_of_all_steps():

@@ -12,7 +12,7 @@ from dmfc.config.validation import ValidationConfig
 from dmfc.geometry.rotations import sixd_from_matrix
 from dmfc.network.model import Prediction
 from dmfc.training.validation import Validation, calibration
-from tests.training.toy import HALF, SEEDS, toy_atlas, toy_batch, toy_hand
+from tests.support.toy import HALF, SEEDS, toy_atlas, toy_batch, toy_hand
 
 CONFIG = ValidationConfig(confident=4, sampled=8)
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import spearmanr
 
+from analysis.validation_rank import Model, correlation, draw, shared_measures
 from dmfc.report.rates import Rate, Rates
-from tests.benchmarks.validation_rank import Model, correlation, draw, shared_measures
 
 
 def models(count: int = 6) -> list[Model]:

@@ -12,7 +12,7 @@ from dmfc.geometry.transforms import transform
 from dmfc.hand.model import HandModel
 from dmfc.prediction.ranked import RankedGrasps
 from dmfc.view.data import View, cloud_view
-from tests.grasps import grasp_shapes
+from tests.support import grasp_shapes
 
 HOSTILE = "</script><script>alert(1)</script>&<!--"
 

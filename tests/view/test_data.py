@@ -22,8 +22,8 @@ from dmfc.view.data import Mesh, cloud_view
 from dmfc.view.page import page_data
 from dmfc.view.record import record_trial
 from dmfc.view.scene import evaluated_view
-from tests.execution.execution_shapes import good, scene_of, standing
-from tests.grasps.grasp_shapes import planned, shadow, shape
+from tests.support.execution_shapes import good, scene_of, standing
+from tests.support.grasp_shapes import planned, shadow, shape
 
 
 def test_links_lie_where_mujoco_has_them(view, grasps, hand):

@@ -1,0 +1,101 @@
+"""The command `dmfc`: parsing and printing; each verb imports what it uses when it is called."""
+
+from __future__ import annotations
+
+import sys
+from typing import Annotated
+
+import typer
+
+from dmfc.cli import (
+    assets,
+    doctor,
+    evaluate,
+    exchange,
+    grasp_stats,
+    grasps,
+    objects,
+    predict,
+    scenes,
+    store,
+    sweep,
+    tracking,
+    train,
+    view,
+)
+from dmfc.errors import DmfcError
+from dmfc.experiment.console import stderr
+
+app = typer.Typer(
+    name="dmfc",
+    help="Train, ablate and evaluate dense multi-fingered grasp networks.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+app.command()(doctor.doctor)
+app.add_typer(assets.assets, name="assets")
+app.add_typer(objects.objects, name="objects")
+grasps.grasps.command("stats")(grasp_stats.grasps_stats)
+grasps.grasps.command("import")(exchange.grasps_import)
+grasps.grasps.command("export")(exchange.grasps_export)
+app.add_typer(grasps.grasps, name="grasps")
+app.add_typer(scenes.scenes, name="scenes")
+app.command()(train.train)
+app.command()(evaluate.evaluate)
+app.command()(evaluate.compare)
+app.command()(predict.predict)
+app.command()(view.view)
+app.add_typer(predict.models_app, name="models")
+app.add_typer(sweep.sweep_app, name="sweep")
+app.command()(sweep.tables)
+app.command()(tracking.ui)
+app.add_typer(tracking.tracking_app, name="tracking")
+app.add_typer(store.store_app, name="store")
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        typer.echo(f"dmfc {version('dmfc')}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    debug: Annotated[
+        bool, typer.Option("--debug", help="Show tracebacks; may stand anywhere on the line.")
+    ] = False,
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", help="Print the version and end.", callback=_version, is_eager=True
+        ),
+    ] = False,
+) -> None:
+    """Train, ablate and evaluate dense multi-fingered grasp networks."""
+
+
+def main() -> None:
+    """Run the command; an error is one line on standard error and status 1 (2: wrong usage)."""
+    debug = "--debug" in sys.argv
+    if debug:
+        sys.argv.remove("--debug")
+    try:
+        app(prog_name="dmfc")
+    except DmfcError as error:
+        if debug:
+            raise
+        _fail(str(error))
+    except Exception as error:
+        if debug:
+            raise
+        first = (str(error).strip().splitlines() or [""])[0]
+        _fail(f"unexpected {type(error).__name__}: {first} (add --debug for the traceback)")
+
+
+def _fail(text: str) -> None:
+    line = " ".join(text.split())
+    stderr().print(f"error: {line}", style="red", markup=False, soft_wrap=True)
+    sys.exit(1)

@@ -1,0 +1,147 @@
+"""The verbs around a whole experiment: sweep, tables."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from dmfc.cli.common import PRESET, STORE, AsJson, Overrides, Preset, Store
+from dmfc.cli.dry_run import show_plans
+from dmfc.experiment.console import answer
+from dmfc.experiment.drive import disk_errors_told, drive, page_writer, show_status, write_tables
+from dmfc.experiment.session import Session, interrupts_told
+
+
+class RunByDefault(TyperGroup):
+    """`dmfc sweep table1` means `dmfc sweep run table1`."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        first = args[0] if args else "--help"
+        if first not in self.commands and first not in ctx.help_option_names:
+            args = ["run", *args]
+        return super().parse_args(ctx, args)
+
+
+sweep_app = typer.Typer(name="sweep", cls=RunByDefault, no_args_is_help=True)
+
+
+@sweep_app.callback()
+def group() -> None:
+    """Run every cell of one or more sweeps (`run` may be left out), or say how they stand."""
+
+
+@sweep_app.command("run")
+def sweep(
+    files: Annotated[
+        list[str], typer.Argument(help="Sweep files, or names of shipped ones such as table1.")
+    ],
+    preset: Preset = PRESET,
+    overrides: Overrides = None,
+    store: Store = STORE,
+    as_json: AsJson = False,
+    dry_run: Annotated[
+        bool,
+        typer.Option(
+            "--dry-run", help="List cells and stages, which are done, and why others are not."
+        ),
+    ] = False,
+) -> None:
+    """Run every cell of one or more sweeps; go on where an earlier call stopped.
+
+    Prints a table per sweep, writes it to STORE/sweeps/ID/, and brings MLflow up to date.
+    """
+    from dmfc.sweep.plan import plan_sweep
+    from dmfc.sweep.sweep_file import load_sweep
+
+    sweeps = [load_sweep(name) for name in files]
+    session = Session.open(preset, overrides, store)
+    plans = [
+        plan_sweep(item, session.builder, preset, overrides or [], session.ledger)
+        for item in sweeps
+    ]
+    if dry_run:
+        show_plans(plans, session.ledger, as_json)
+        return
+    started = time.monotonic()
+    with disk_errors_told(session.ledger), interrupts_told():
+        driven = drive(plans, session.ledger, as_json)
+    closing = {"stages_run": driven.ran, "seconds": round(time.monotonic() - started, 2)}
+    results = driven.results
+    if as_json:
+        answer({**results[0], **closing} if len(results) == 1 else {"sweeps": results, **closing})
+    else:
+        store_option = "" if store == STORE else f" --store {store}"
+        typer.echo(f"Browse the runs: dmfc ui{store_option}")
+    if not driven.complete:
+        raise typer.Exit(1)
+
+
+@sweep_app.command("status")
+def status(
+    sweep_ids: Annotated[
+        list[str] | None, typer.Argument(help="Ids of sweeps, or their names; default: all names.")
+    ] = None,
+    store: Store = STORE,
+    as_json: AsJson = False,
+) -> None:
+    """Say how sweeps stand: finished stages, what is being run and where, what failed."""
+    from dmfc.engine.ledger import Ledger
+    from dmfc.engine.state import read_state
+    from dmfc.engine.status import counts, running
+    from dmfc.report.collect import read_sweep, resolve_sweeps
+
+    ledger = Ledger(store)
+    told = []
+    for sweep_id in resolve_sweeps(ledger, sweep_ids):
+        described = read_sweep(ledger, sweep_id)
+        state = read_state(ledger.store / "sweeps" / sweep_id)
+        told.append(
+            {
+                "sweep": sweep_id,
+                "status": state.status,
+                "drivers": list(state.drivers),
+                "stages": counts(ledger, described),
+                "running": [dataclasses.asdict(item) for item in running(ledger, described)],
+                "failures": dict(state.failures),
+            }
+        )
+    if as_json:
+        answer(told)
+        return
+    for one in told:
+        show_status(one)
+
+
+def tables(
+    sweep_ids: Annotated[
+        list[str] | None,
+        typer.Argument(
+            help="Ids of sweeps, or their names (the latest of each); default: all names."
+        ),
+    ] = None,
+    store: Store = STORE,
+    as_json: AsJson = False,
+) -> None:
+    """Make the tables again from trial rows alone, without running anything."""
+    from dmfc.engine.ledger import Ledger
+    from dmfc.engine.state import read_state
+    from dmfc.report.collect import read_sweep, resolve_sweeps
+
+    ledger = Ledger(store)
+    wanted = resolve_sweeps(ledger, sweep_ids)
+    results = []
+    for name in wanted:
+        failures = read_state(ledger.store / "sweeps" / name).failures
+        described = read_sweep(ledger, name)
+        results.append(write_tables(ledger, described, failures, as_json))
+        page = page_writer(ledger, described, results[-1])()
+        if not as_json:
+            typer.echo(f"page: {page}")
+    if as_json:
+        from dmfc.report.formats import to_json
+
+        answer([to_json(table) for table in results])

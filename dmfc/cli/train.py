@@ -1,0 +1,62 @@
+"""The verb that trains one model."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from dmfc.cli.common import PRESET, STORE, AsJson, Overrides, Preset, Store
+from dmfc.errors import unknown_name
+from dmfc.experiment.console import answer, show_rows
+from dmfc.experiment.session import Session, require
+
+if TYPE_CHECKING:
+    from dmfc.engine.stage import Stage
+
+
+def train(
+    stage: Annotated[
+        str, typer.Option("--stage", help="pretrain, or finetune (pretrains first if need be).")
+    ] = "finetune",
+    preset: Preset = PRESET,
+    overrides: Overrides = None,
+    store: Store = STORE,
+    as_json: AsJson = False,
+    replay: Annotated[
+        Path | None,
+        typer.Option(help="A batch that stopped a run: print its terms instead of training."),
+    ] = None,
+) -> None:
+    """Train a model, with all that it needs, and print its last epoch."""
+    if stage not in ("pretrain", "finetune"):
+        raise unknown_name("stage", stage, ("pretrain", "finetune"))
+    session = Session.open(preset, overrides, store)
+    built = session.builder.cell(
+        session.config, "pretrained" if stage == "pretrain" else "finetuned", "train"
+    ).model
+    assert built is not None
+    if replay is not None:
+        _replay_batch(session, built, replay, as_json)
+        return
+    require(session.make([built]), [built])
+    folder = session.ledger.folder(built.address)
+    lines = [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
+    if as_json:
+        answer({"stage": built.address, "folder": str(folder), "metrics": lines})
+        return
+    last = {line["split"]: line for line in lines}
+    rows = [{"metric": name, "value": v} for line in last.values() for name, v in line.items()]
+    show_rows(f"{stage}: last epoch", rows, as_json=False)
+    typer.echo(f"weights and metrics: {folder}")
+
+
+def _replay_batch(session: Session, training: Stage, file: Path, as_json: bool) -> None:
+    from dmfc.pipeline.replay_batch import batch_stages, replay_batch
+
+    needed = batch_stages(training).values()
+    session.make([s for given in needed for s in (given if isinstance(given, tuple) else (given,))])
+    what, rows = replay_batch(session.ledger, training, file)
+    show_rows(f"{file}: {what} was not finite", rows, as_json)

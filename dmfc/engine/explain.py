@@ -1,0 +1,61 @@
+"""Why a stage is not in the ledger: what differs from the finished stage that is most like it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from dmfc.engine.ledger import Ledger
+from dmfc.engine.stage import Stage, differences, plain
+
+SHOWN = 3
+"""Differences named; of the rest the number alone."""
+
+
+def reasons(stages: Iterable[Stage], ledger: Ledger) -> dict[str, str]:
+    """Why each stage that is not finished must run, by address; inputs come before their users.
+
+    A stage's own settings come first ('losses.weights.collision 1.0 -> 2.0'); without a difference
+    there, the inputs that are made anew, or that it has never been made.
+    """
+    told: dict[str, str] = {}
+    records: dict[str, list[dict[str, Any]]] = {}
+    for stage in stages:
+        if ledger.finished(stage.address):
+            continue
+        if stage.kind not in records:
+            records[stage.kind] = list(ledger.records(stage.kind))
+        told[stage.address] = _reason(stage, records[stage.kind], told)
+    return told
+
+
+def _reason(stage: Stage, known: list[dict[str, Any]], told: Mapping[str, str]) -> str:
+    settings, place = plain(stage.config), _identity(plain(stage.config))
+    candidates = [record for record in known if _identity(record["config"]) == place]
+    if not candidates:
+        return "never made"
+    found = [_changes(stage, settings, record) for record in candidates]
+    likest = min(
+        range(len(found)), key=lambda i: (candidates[i]["name"] != stage.name, len(found[i]), -i)
+    )
+    if found[likest]:
+        shown = found[likest][:SHOWN]
+        more = len(found[likest]) - len(shown)
+        return "; ".join(shown) + (f"; and {more} more" if more else "")
+    anew = [parent for parent in stage.parents if parent.address in told]
+    if anew:
+        names = ", ".join(f"{parent.kind} {parent.name}" for parent in anew[:SHOWN])
+        others = f" and {len(anew) - SHOWN} more" if len(anew) > SHOWN else ""
+        return f"its inputs are made anew: {names}{others}"
+    return "its inputs are others"
+
+
+def _changes(stage: Stage, settings: Any, record: Mapping[str, Any]) -> list[str]:
+    version = record.get("stage_version")
+    head = [] if version == stage.version else [f"code version {version} -> {stage.version}"]
+    return head + list(differences(record["config"], settings))
+
+
+def _identity(settings: Mapping[str, Any]) -> tuple[Any, ...]:
+    """What makes two stages of one kind two things, not one thing at two settings."""
+    return tuple(settings.get(name) for name in ("object", "start", "row"))

@@ -1,0 +1,99 @@
+"""How a sweep stands: which drivers are at work on it, how the last one ended, what failed.
+
+A driver holds a lock while it lives. A mark whose lock is free is of a driver that was killed.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import time
+import uuid
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+from filelock import FileLock, Timeout
+
+from dmfc.files.atomic import write_json
+
+STATE = "state.json"
+Status = Literal["UNSTARTED", "RUNNING", "FINISHED", "FAILED", "KILLED"]
+
+
+@dataclass(frozen=True)
+class SweepState:
+    """`failures`: reason by address of a stage; `started`: of the first driver, s since 1970."""
+
+    status: Status = "UNSTARTED"
+    failures: Mapping[str, str] = field(default_factory=dict)
+    started: float = 0.0
+    drivers: Sequence[str] = ()
+    """'host:pid' of the living ones."""
+
+
+def read_state(folder: Path) -> SweepState:
+    """How the sweep of that folder stands now."""
+    path = folder / STATE
+    told = json.loads(path.read_text()) if path.is_file() else {}
+    living, dead = _drivers(folder)
+    status: Status = told.get("status", "UNSTARTED")
+    if living:
+        status = "RUNNING"
+    elif dead or status == "RUNNING":
+        status = "KILLED"
+    names = [f"{mark['host']}:{mark['pid']}" for mark in living]
+    return SweepState(status, told.get("failures", {}), told.get("started", 0.0), names)
+
+
+def write_state(folder: Path, status: Status, failures: Mapping[str, str]) -> None:
+    """Say how the sweep stands, as this driver sees it."""
+    started = read_state(folder).started or time.time()
+    told = {"status": status, "failures": dict(failures), "started": started}
+    write_json(folder / STATE, told)
+
+
+@contextmanager
+def driving(folders: Sequence[Path]) -> Iterator[None]:
+    """Be a driver of these sweeps: leaves a mark in each while it lives, and clears dead ones."""
+    with ExitStack() as stack:
+        for folder in folders:
+            marks = folder / "drivers"
+            marks.mkdir(parents=True, exist_ok=True)
+            name = f"{platform.node()}-{os.getpid()}-{uuid.uuid4().hex[:8]}"
+            lock = stack.enter_context(FileLock(marks / f"{name}.lock"))
+            write_json(marks / f"{name}.json", {"host": platform.node(), "pid": os.getpid()})
+            stack.callback(Path(lock.lock_file).unlink, missing_ok=True)
+            stack.callback((marks / f"{name}.json").unlink, missing_ok=True)
+            for path in _dead(marks):
+                path.unlink(missing_ok=True)
+                path.with_suffix(".lock").unlink(missing_ok=True)
+        yield
+
+
+def _drivers(folder: Path) -> tuple[list[dict], list[Path]]:
+    """Marks of living drivers, and files of dead ones."""
+    marks = folder / "drivers"
+    dead = _dead(marks)
+    living = []
+    for path in marks.glob("*.json"):
+        if path not in dead:
+            try:
+                living.append(json.loads(path.read_text()))
+            except FileNotFoundError:  # it ended just now
+                continue
+    return living, dead
+
+
+def _dead(marks: Path) -> list[Path]:
+    dead = []
+    for path in marks.glob("*.json"):
+        try:
+            with FileLock(path.with_suffix(".lock"), timeout=0):
+                dead.append(path)
+        except Timeout:
+            continue
+    return dead

@@ -1,0 +1,51 @@
+"""What is being done on a sweep now, seen from any process that sees the store."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from filelock import Timeout
+
+from dmfc.engine.context import read_attempt, read_progress
+from dmfc.engine.ledger import Ledger
+
+
+@dataclass(frozen=True)
+class Running:
+    """A stage that a living process works on."""
+
+    address: str
+    name: str
+    host: str
+    seconds: float
+    fraction: float
+    message: str
+
+
+def counts(ledger: Ledger, sweep: Mapping[str, Any]) -> dict[str, tuple[int, int]]:
+    """Finished and all stages of a sweep by kind."""
+    total, done = Counter[str](), Counter[str]()
+    for address in sweep["stages"]:
+        kind = address.partition("/")[0]
+        total[kind] += 1
+        done[kind] += ledger.finished(address)
+    return {kind: (done[kind], total[kind]) for kind in total}
+
+
+def running(ledger: Ledger, sweep: Mapping[str, Any]) -> Iterator[Running]:
+    """The stages of a sweep that are being run: begun, not finished, their lock held."""
+    for address, name in sweep["stages"].items():
+        told = read_attempt(ledger.work(address))
+        if not told or ledger.finished(address):
+            continue
+        try:
+            with ledger.lock(address).acquire(timeout=0):
+                continue  # whoever began it is dead
+        except Timeout:
+            fraction, message = read_progress(ledger.work(address))
+            seconds = time.time() - told["started"]
+            yield Running(address, name, told["host"], seconds, fraction, message)

@@ -1,0 +1,169 @@
+"""What a store holds: listed, checked against its digests, and freed of what nothing refers to."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+from filelock import FileLock, Timeout
+
+from dmfc.engine.digest import damage
+from dmfc.engine.ledger import Ledger
+from dmfc.engine.stage import key_of
+from dmfc.errors import DmfcError, unknown_name
+
+DAY = 86400.0
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One finished stage. `bytes` counts its files, `seconds` the time its function took."""
+
+    address: str
+    name: str
+    bytes: int
+    seconds: float
+    made: str
+    failure: str | None
+
+
+def entries(ledger: Ledger, kind: str = "*") -> Iterator[Entry]:
+    """The finished stages, of one kind or of all."""
+    for address in ledger.addresses(kind):
+        record = ledger.record(address)
+        size = sum(p.stat().st_size for p in ledger.folder(address).rglob("*") if p.is_file())
+        yield Entry(
+            address,
+            str(record["name"]),
+            size,
+            float(record["seconds"]),
+            str(record["started"]),
+            ledger.failure(address),
+        )
+
+
+def known_kind(ledger: Ledger, kind: str) -> str:
+    """`kind`, if the store has finished stages of it. Raises DmfcError naming the nearest."""
+    kinds = {address.partition("/")[0] for address in ledger.addresses()}
+    if kind not in kinds:
+        raise unknown_name("kind of stage", kind, kinds)
+    return kind
+
+
+def find(ledger: Ledger, text: str) -> str:
+    """The one address that begins with `text`, with its kind or without.
+
+    Raises DmfcError if none does, or several do.
+    """
+    known = list(ledger.addresses())
+    found = [a for a in known if a.startswith(text) or a.partition("/")[2].startswith(text)]
+    if not found:
+        raise unknown_name("stage", text, known)
+    if len(found) > 1:
+        raise DmfcError(f"'{text}' begins {len(found)} stages: {', '.join(found[:5])}")
+    return found[0]
+
+
+def verify(ledger: Ledger, addresses: Iterable[str]) -> Iterator[tuple[str, list[str]]]:
+    """Each stage with what is wrong with it: files against digests, the key against its record."""
+    for address in addresses:
+        record = ledger.record(address)
+        if "files" not in record:
+            yield address, ["it was made before digests were kept"]
+            continue
+        wrong = list(damage(ledger.folder(address), record["files"]))
+        if identity_key(record) != address.partition("/")[2]:
+            wrong.insert(0, "its record is of another key")
+        yield address, wrong
+
+
+def forget_damaged(ledger: Ledger, addresses: Iterable[str]) -> Iterator[tuple[str, list[str]]]:
+    """Remove finished stages whose files are not what was recorded, so that they are made again;
+    each with what is wrong with it."""
+    for address in addresses:
+        with ledger.lock(address):
+            if not ledger.finished(address):
+                continue
+            wrong = list(damage(ledger.folder(address), ledger.record(address).get("files", {})))
+            if wrong and "files" in ledger.record(address):
+                ledger.remove(address)
+                yield address, wrong
+
+
+def identity_key(record: dict[str, Any]) -> str:
+    """The key that a record's kind, code version, settings and inputs hash to."""
+    return key_of(record["kind"], record["stage_version"], record["config"], record["inputs"])
+
+
+def referred(ledger: Ledger, sweep_ids: Iterable[str]) -> set[str]:
+    """The addresses of all finished stages that those sweeps are made of, inputs of inputs too."""
+    stack: list[str] = []
+    for sweep_id in sweep_ids:
+        path = ledger.store / "sweeps" / sweep_id / "sweep.json"
+        for cell in json.loads(path.read_text())["cells"]:
+            stack += [a for a in (cell["model"], *cell["evaluations"]) if a]
+    found: set[str] = set()
+    while stack:
+        address = stack.pop()
+        if address in found or not ledger.finished(address):
+            continue
+        found.add(address)
+        for given in ledger.record(address)["inputs"].values():
+            stack += given if isinstance(given, list) else [given]
+    return found
+
+
+def prunable(
+    ledger: Ledger, keep: Iterable[str], older_than_days: float = 0.0, failed: bool = False
+) -> list[Entry]:
+    """Stages that none of the sweeps `keep` refers to, and that are older than so many days.
+
+    With `failed`, all kept failures instead, so that the next call tries them again.
+    """
+    if failed:
+        return [entry for entry in entries(ledger) if entry.failure is not None]
+    needed, oldest = referred(ledger, keep), time.time() - older_than_days * DAY
+    return [
+        entry
+        for entry in entries(ledger)
+        if entry.address not in needed and datetime.fromisoformat(entry.made).timestamp() <= oldest
+    ]
+
+
+def prune(ledger: Ledger, doomed: Iterable[Entry]) -> list[Entry]:
+    """Remove those stages, and what dead processes left; the ones removed.
+
+    A stage that a running process holds stays.
+    """
+    gone = []
+    for entry in doomed:
+        with _free(ledger.lock(entry.address)) as free:
+            if free and ledger.finished(entry.address):
+                ledger.remove(entry.address)
+                gone.append(entry)
+    for partial in (ledger.store / "stages").glob("*/.partial-*"):
+        address = f"{partial.parent.name}/{partial.name.removeprefix('.partial-')}"
+        with _free(ledger.lock(address)) as free:
+            if free:
+                shutil.rmtree(partial, ignore_errors=True)
+    return gone
+
+
+@contextmanager
+def _free(lock: FileLock) -> Iterator[bool]:
+    """Holds a lock if nobody else does; gives whether it does."""
+    try:
+        lock.acquire(timeout=0)
+    except Timeout:
+        yield False
+        return
+    try:
+        yield True
+    finally:
+        lock.release()

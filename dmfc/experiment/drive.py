@@ -1,0 +1,254 @@
+"""One call of `dmfc sweep` from the first stage to the last line printed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from dmfc.errors import DmfcError
+from dmfc.experiment.console import show_rows, stderr
+from dmfc.experiment.session import run_shown
+
+if TYPE_CHECKING:
+    from dmfc.engine.engine import Outcomes
+    from dmfc.engine.ledger import Ledger
+    from dmfc.report.table import SweepTable
+    from dmfc.sweep.plan import SweepPlan
+    from dmfc.tracking.live import LiveTracking
+
+
+@dataclass(frozen=True)
+class Driven:
+    """Stages that were run, whether all is complete (MLflow too), and answers for machines."""
+
+    ran: int
+    complete: bool
+    results: list[dict[str, Any]]
+
+
+def drive(plans: Sequence[SweepPlan], ledger: Ledger, as_json: bool) -> Driven:
+    """Run what is missing of the sweeps, write their tables and bring MLflow up to date.
+
+    Ends the program on Ctrl-C, after saying so in the sweeps' state and in MLflow.
+    """
+    from dmfc.engine.state import driving, write_state
+    from dmfc.tracking.live import LiveTracking
+    from dmfc.tracking.store import require_answer
+
+    ledger.prepare()
+    folders = [plan.write(ledger) for plan in plans]
+    run = plans[0].config.run
+    try:
+        require_answer(run.tracking_uri)
+    except DmfcError as error:  # MLflow can be made later; the sweep need not wait for it
+        stderr().print(f"{error}; the sweep goes on", markup=False, soft_wrap=True)
+    live = LiveTracking(ledger, [plan.id for plan in plans], run.tracking_uri, run.tracking_seconds)
+    try:
+        with driving(folders):
+            outcomes: Outcomes = {}
+            growing: Sequence[SweepPlan] = plans
+            while growing:
+                outcomes |= _run(plans, growing, ledger, live, outcomes)
+                failures = _failures(outcomes)
+                grown = [plan.grow(failures) for plan in plans]
+                growing = [plan for plan in grown if plan]
+                plans = [new or plan for new, plan in zip(grown, plans, strict=True)]
+                for plan in growing:
+                    plan.write(ledger)
+            ran = sum(outcome.status == "ran" for outcome in outcomes.values())
+            tables = []
+            for plan, folder in zip(plans, folders, strict=True):
+                table = write_tables(ledger, plan.describe(), failures, as_json)
+                tables.append(table)
+                write_state(folder, "FAILED" if _incomplete(table) else "FINISHED", failures)
+    except typer.Exit:  # Ctrl-C
+        for folder in folders:
+            write_state(folder, "KILLED", {})
+        raise
+    finally:
+        live.finish()
+    results = [_result(*item, ledger, ran > 0) for item in zip(plans, tables, strict=True)]
+    told = all("error" not in result["mlflow"] for result in results)
+    return Driven(ran, told and not any(_incomplete(table) for table in tables), results)
+
+
+@contextmanager
+def disk_errors_told(ledger: Ledger) -> Iterator[None]:
+    """Turns an error of the driver's own files into a line; those of stages are outcomes."""
+    try:
+        yield
+    except OSError as error:
+        raise DmfcError(
+            f"the store '{ledger.store}' cannot be used: {error.strerror or error}; what is "
+            "finished is kept: once that is mended, run the same line again"
+        ) from error
+
+
+def _failures(outcomes: Outcomes) -> dict[str, str]:
+    return {address: outcome.reason for address, outcome in outcomes.items() if not outcome.ok}
+
+
+def _run(
+    plans: Sequence[SweepPlan],
+    growing: Sequence[SweepPlan],
+    ledger: Ledger,
+    live: LiveTracking,
+    before: Outcomes,
+) -> Outcomes:
+    """Run what is missing of the plans that are `growing`; `before` is of earlier rounds."""
+    from dmfc.engine.engine import unfinished
+    from dmfc.engine.provenance import add_provenance
+    from dmfc.engine.state import write_state
+    from dmfc.pipeline.kinds import KINDS
+    from dmfc.report.board import Board
+
+    folders, failed = [plan.folder(ledger) for plan in growing], _failures(before)
+
+    class Watcher(Board):
+        """Shows, keeps failures where others can read them, and starts the live tracking."""
+
+        failures = dict(failed)  # noqa: RUF012  # one watcher is made
+
+        def finished(self, stage: Any, outcome: Any) -> None:
+            super().finished(stage, outcome)
+            if not outcome.ok:
+                self.failures[stage.address] = outcome.reason
+                for folder in folders:
+                    write_state(folder, "RUNNING", self.failures)
+
+        def tick(self, running: Any) -> None:
+            super().tick(running)
+            live.tick()
+
+    targets = [stage for plan in growing for stage in plan.targets]
+    for plan, folder in zip(growing, folders, strict=True):
+        write_state(folder, "RUNNING", failed)
+        if not before and unfinished(plan.targets, ledger):
+            add_provenance(folder)
+        if plan.search:
+            stderr().print(f"{plan.sweep.name}: {_round(plan)}", soft_wrap=True)
+    watcher = Watcher(ledger, stderr(), [plan.describe() for plan in plans], KINDS)
+    return run_shown(targets, ledger, plans[0].config, watcher)
+
+
+def _round(plan: SweepPlan) -> str:
+    """What a search does next."""
+    if plan.search["best"] is not None:
+        return f"trial {plan.search['best']} is the best; it is executed"
+    return f"{len(plan.search['trials'])} of {plan.search['wanted']} trials"
+
+
+def write_tables(
+    ledger: Ledger, description: Mapping[str, Any], failures: Mapping[str, str], as_json: bool
+) -> SweepTable:
+    """Make, write and (unless a machine asks) print the table of one sweep."""
+    from dmfc.report.collect import collect, table_from, write_table
+    from dmfc.report.trials import read_trials
+
+    rows = collect(ledger, description, failures)
+    table = table_from(rows, description, read_trials(ledger, description, failures))
+    paths = write_table(ledger, table, rows)
+    if not as_json:
+        _print_table(table, paths)
+    return table
+
+
+def page_writer(
+    ledger: Ledger, description: Mapping[str, Any], table: SweepTable
+) -> Callable[[], Path]:
+    """Draw the figures of a sweep's page; gives what writes the page as things then stand."""
+    from dmfc.engine.state import read_state
+    from dmfc.report.collect import collect
+    from dmfc.report.page import draw_figures, write_page
+
+    failures = read_state(ledger.store / "sweeps" / table.id).failures
+    cells = collect(ledger, description, failures)
+    figures = draw_figures(ledger, description, table)
+    return lambda: write_page(ledger, description, table, cells, figures)
+
+
+def show_status(told: Mapping[str, Any]) -> None:
+    """Print how one sweep stands."""
+    at = f" by {', '.join(told['drivers'])}" if told["drivers"] else ""
+    typer.echo(f"{told['sweep']}: {told['status']}{at}")
+    stages = [{"kind": k, "done": d, "stages": n} for k, (d, n) in told["stages"].items()]
+    show_rows("stages", stages, as_json=False)
+    now = [
+        {
+            "stage": f"{item['address'].partition('/')[0]} {item['name']}",
+            "host": item["host"],
+            "seconds": round(item["seconds"]),
+            "progress": f"{item['fraction']:.0%} {item['message']}".strip(),
+        }
+        for item in told["running"]
+    ]
+    if now:
+        show_rows("running", now, as_json=False)
+    failed = [{"stage": name, "reason": reason} for name, reason in told["failures"].items()]
+    if failed:
+        show_rows("failed", failed, as_json=False)
+
+
+def _incomplete(table: SweepTable) -> bool:
+    return any(row.failure for row in table.rows)
+
+
+def _result(plan: SweepPlan, table: SweepTable, ledger: Ledger, anew: bool) -> dict[str, Any]:
+    """Page and tracking of one sweep, and its answer for a machine."""
+    from dmfc.report.formats import to_json
+    from dmfc.report.page import PAGE
+
+    if anew or not (plan.folder(ledger) / PAGE).is_file():
+        write = page_writer(ledger, plan.describe(), table)
+        write()  # for MLflow to show
+        tracked = _track(plan, ledger)
+        write()  # with links to the runs that there are now
+    else:
+        tracked = _track(plan, ledger)
+    result = to_json(table)
+    for cell in plan.describe()["cells"]:
+        stages = [cell["pretrain"], cell["model"], *cell["evaluations"]]
+        shown = result["cells"].get(cell["name"]) or result["search"][cell["name"]]
+        entry = shown.setdefault("stages", [])
+        entry += [address for address in stages if address and address not in entry]
+    return {
+        **result,
+        "folder": str(plan.folder(ledger)),
+        "mlflow": tracked,
+    }
+
+
+def _track(plan: SweepPlan, ledger: Ledger) -> dict[str, str]:
+    """Bring MLflow up to date; where the sweep is in it, or why it is not."""
+    from dmfc.tracking.project import project_sweep
+
+    try:
+        tracked = project_sweep(ledger, plan.id, plan.config.run.tracking_uri)
+    except DmfcError as error:  # the table stands, and other sweeps have theirs to tell
+        stderr().print(f"{plan.id}: {error}", markup=False, soft_wrap=True)
+        return {"error": str(error)}
+    return {"uri": tracked.uri, "experiment": tracked.experiment_id, "run": tracked.run_id}
+
+
+def _print_table(table: SweepTable, paths: Sequence[Path]) -> None:
+    from rich.console import Console
+
+    from dmfc.report.formats import to_rich
+    from dmfc.report.trials import trials_to_rich
+
+    console = Console(highlight=False)
+    if not console.is_terminal:  # a log or a pipe has no width to fit
+        console.width = 140
+    console.print(to_rich(table))
+    if table.trials:
+        console.print(trials_to_rich(table.trials))
+    for row in table.rows:
+        if row.failure:
+            stderr().print(f"{row.name}: {row.failure}", markup=False, soft_wrap=True)
+    written = ", ".join(path.name for path in paths)
+    console.print(f"written: {paths[0].parent}/ ({written})", markup=False, soft_wrap=True)

@@ -1,0 +1,69 @@
+"""Objects that a function of the user's own makes: the selector `file.py:function`.
+
+def rings() -> list[OwnObject]: ...
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from dmfc.config.custom_function import own_function
+from dmfc.errors import DmfcError, unknown_name
+from dmfc.objects.sources import ObjectSource
+
+if TYPE_CHECKING:
+    import trimesh
+
+
+@dataclass(frozen=True)
+class OwnObject:
+    """One object of a user's own source."""
+
+    name: str
+    """Letters, digits and _ . -, given once; the id is own/<name>."""
+    make: Callable[[], trimesh.Trimesh]
+    """Its mesh, in metres. Called when it is prepared, not when it is listed."""
+    mass: float | None = None
+    """kg where it is known, else the setting objects.prepare.density gives it."""
+    licence: str = "user's own"
+    digest: str = ""
+    """Changes when `make` reads something else than before; that the file changed is seen."""
+
+
+def own_sources(file: str, rest: str, selector: str) -> list[ObjectSource]:
+    """The objects of a selector 'file:rest', `rest` being 'function' or 'function/name'.
+
+    Raises DmfcError where there is no such function or object, or it lists something else.
+    """
+    name, _, wanted = rest.partition("/")
+    where = f"object selector '{selector}'"
+    function = own_function(f"{file}:{name}", where)
+    listed = function.load()()
+    if not isinstance(listed, list) or not all(isinstance(item, OwnObject) for item in listed):
+        raise DmfcError(f"{where}: {name}() must give a list of OwnObject")
+    names = [item.name for item in listed]
+    for item_name in names:
+        if not re.fullmatch(r"[A-Za-z0-9_.-]+", item_name) or names.count(item_name) > 1:
+            raise DmfcError(f"{where}: '{item_name}' is no name of an object, or is given twice")
+    if wanted and wanted not in names:
+        raise unknown_name(f"object of '{file}:{name}'", wanted, names)
+    return [
+        ObjectSource(
+            id=f"own/{item.name}",
+            licence=item.licence,
+            mass=item.mass,
+            digest=_digest(f"{function.digest} {name} {item.name} {item.mass} {item.digest}"),
+            selector=f"{function.file}:{name}/{item.name}",
+            loader=item.make,
+        )
+        for item in listed
+        if wanted in ("", item.name)
+    ]
+
+
+def _digest(content: str) -> str:
+    return hashlib.sha256(content.encode()).hexdigest()

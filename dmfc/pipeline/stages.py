@@ -1,0 +1,305 @@
+"""The stages: each reads its settings and inputs, calls the science, and writes one folder.
+
+Heavy imports are inside the functions, so that a worker loads only what its stage uses.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from dmfc.engine.context import StageContext
+from dmfc.engine.ledger import failure_in, read_record
+from dmfc.errors import DmfcError
+from dmfc.files.atomic import write_json
+
+if TYPE_CHECKING:
+    from dmfc.execution.evaluate import Evaluation
+    from dmfc.grasps.grasp_set import GraspSet
+    from dmfc.hand.model import HandModel
+    from dmfc.objects.atlas import ObjectAtlas
+    from dmfc.objects.model import ObjectModel
+
+HAND, OBJECT, GRASPS, SCENES = "hand.npz", "object.npz", "grasps.parquet", "scenes.parquet"
+
+
+def make_hand(ctx: StageContext) -> None:
+    """hand: `hand.npz`."""
+    from dmfc.hand.build import build_hand
+
+    build_hand(ctx.config["hand"]).save(ctx.out / HAND)
+
+
+def prepare_object(ctx: StageContext) -> None:
+    """object: `object.npz`. May fail: then a `failure.json` is there instead."""
+    from dmfc.objects.prepare import prepare_to
+
+    prepare_to(ctx.hints["selector"], ctx.config["prepare"], ctx.out / OBJECT)
+
+
+def plan_grasps(ctx: StageContext) -> None:
+    """grasps: `grasps.parquet`; an object that cannot be grasped has an empty set. May fail."""
+    if "library" in ctx.config:
+        _take_grasps(ctx)
+        return
+    from dmfc.grasps.planner import plan
+    from dmfc.hand.description import load_description
+    from dmfc.objects.model import ObjectModel
+
+    (folder,) = whole([ctx.input("object")])
+    found = plan(
+        ObjectModel.load(folder / OBJECT),
+        _hand(ctx),
+        load_description(ctx.config["hand"].name),
+        ctx.config["grasps"],
+        ctx.config["physics"],
+        ctx.config["q1"],
+        ctx.progress,
+    )
+    found.notes["object_digest"] = _record(folder)["digest"]
+    found.save(ctx.out / GRASPS)
+
+
+def _take_grasps(ctx: StageContext) -> None:
+    """Grasps of the library; refused if they were planned for another shape of that name."""
+    import shutil
+
+    from dmfc.files.digest import file_digest
+    from dmfc.grasps.grasp_set import GraspSet
+
+    path = Path(ctx.hints["file"])
+    found = GraspSet.load(path)
+    name = ctx.config["object"]
+    if file_digest(path) != ctx.config["library"]:
+        raise DmfcError(f"{path} has changed since the sweep began: run it again")
+    # A set from elsewhere does not say which mesh it was made for.
+    mesh = found.notes.get("object_digest", ctx.config["digest"])
+    if found.object_id != name or mesh != ctx.config["digest"]:
+        raise DmfcError(
+            f"the grasps of '{name}' in {path} were planned for another mesh: "
+            "set grasps.source=plan to plan them anew"
+        )
+    shutil.copyfile(path, ctx.out / GRASPS)
+
+
+def _record(folder: Path) -> dict[str, Any]:
+    """The settings with which a finished stage was run."""
+    return read_record(folder)["config"]
+
+
+def make_scenes(ctx: StageContext) -> None:
+    """scenes: `scenes.parquet` and `counts.json`."""
+    from dmfc.scenes.make import make_scene_file
+
+    given = whole if ctx.hints.get("lacking") != "allowed" else present
+    counts = make_scene_file(
+        ctx.config["scenes"],
+        ctx.config["set"],
+        range(ctx.config["start"], ctx.config["stop"]),
+        _Objects(given(ctx.input_list("objects"))),
+        _grasp_sets(given(ctx.input_list("grasps"))),
+        _hand(ctx),
+        ctx.out / SCENES,
+        ctx.progress,
+    )
+    write_json(ctx.out / "counts.json", counts)
+    if ctx.config["start"] == 0:
+        from dmfc.scenes.scene_set import SceneSet
+        from dmfc.visualization.scenes import scene_picture
+
+        scene = SceneSet.open([ctx.out / SCENES])[0]
+        scene_picture(scene, ctx.out / f"scene_{scene.scene:04d}.png")
+
+
+def pretrain(ctx: StageContext) -> None:
+    """pretrain: weights, metrics per epoch, settings, summary."""
+    _train(ctx, "pretrain", None)
+
+
+def finetune(ctx: StageContext) -> None:
+    """finetune: as `pretrain`, from its weights."""
+    _train(ctx, "finetune", ctx.input("weights"))
+
+
+def evaluate(ctx: StageContext) -> None:
+    """evaluate: `trials.parquet` and `diversity.parquet` of a shard of test scenes."""
+    from dmfc.execution.evaluate import evaluate_shard
+
+    evaluation = evaluation_of(ctx.config, ctx.inputs, ctx.hints)
+    evaluate_shard(evaluation, ctx.out, ctx.progress)
+
+
+def evaluation_of(
+    config: Mapping[str, Any],
+    inputs: Mapping[str, Path | list[Path]],
+    hints: Mapping[str, str],
+) -> Evaluation:
+    """What an evaluation stage executes, from its settings and the folders of its inputs."""
+    from dmfc.execution.evaluate import Evaluation
+    from dmfc.hand.description import load_description
+    from dmfc.hand.model import HandModel
+    from dmfc.network.checkpoint import load_network
+    from dmfc.scenes.scene_set import SceneSet
+
+    def one(name: str) -> Path:
+        folder = inputs[name]
+        assert isinstance(folder, Path)
+        return folder
+
+    def several(name: str) -> list[Path]:
+        folders = inputs[name]
+        assert isinstance(folders, list)
+        return whole(folders)
+
+    row = config["row"]
+    hand = dataclasses.replace(
+        HandModel.load(one("hand") / HAND),
+        opening=config["hand"].opening,
+        squeeze=config["hand"].squeeze,
+    )
+    network = None
+    if row == "model":
+        weights = Path(hints["weights"]) if "weights" in config else one("model")
+        network = load_network(weights, hand)
+    return Evaluation(
+        row=row,
+        scenes=SceneSet.open([one("scenes") / SCENES]),
+        objects=_Objects(several("objects")),
+        grasps=_grasp_sets(several("grasps")) if row == "planner" else None,
+        network=network,
+        hand=hand,
+        description=load_description(config["hand"].name),
+        physics=config["physics"],
+        config=config["execution"],
+    )
+
+
+class _Objects(Mapping[str, "ObjectModel"]):
+    """Prepared objects by id, each loaded when it is asked for.
+
+    The ids are read from the stages' records, so a scene of one object loads one object.
+    """
+
+    def __init__(self, folders: list[Path]) -> None:
+        self._folders = {_record(folder)["object"]: folder for folder in folders}
+        self._loaded: dict[str, ObjectModel] = {}
+
+    def __getitem__(self, object_id: str) -> ObjectModel:
+        if object_id not in self._loaded:
+            from dmfc.objects.model import ObjectModel
+
+            self._loaded[object_id] = ObjectModel.load(self._folders[object_id] / OBJECT)
+        return self._loaded[object_id]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._folders)
+
+    def __len__(self) -> int:
+        return len(self._folders)
+
+
+def whole(folders: list[Path]) -> list[Path]:
+    """The folders, if all have outputs. Raises DmfcError naming the first that failed."""
+    for folder in folders:
+        reason = failure_in(folder)
+        if reason is not None:
+            record = read_record(folder)
+            raise DmfcError(f"{record['kind']} {record['name']} failed: {reason}")
+    return folders
+
+
+def present(folders: list[Path]) -> list[Path]:
+    """The folders that have outputs. Raises DmfcError where none has."""
+    found = [folder for folder in folders if failure_in(folder) is None]
+    return found or whole(folders)
+
+
+def _hand(ctx: StageContext) -> HandModel:
+    from dmfc.hand.model import HandModel
+
+    return HandModel.load(ctx.input("hand") / HAND)
+
+
+def _grasp_sets(folders: list[Path]) -> dict[str, GraspSet]:
+    from dmfc.grasps.grasp_set import GraspSet
+
+    sets = [GraspSet.load(folder / GRASPS) for folder in folders]
+    return {found.object_id: found for found in sets}
+
+
+def _train(ctx: StageContext, stage: Literal["pretrain", "finetune"], weights: Path | None) -> None:
+    from dmfc.config.validation import ValidationConfig
+    from dmfc.scenes.scene_set import SceneSet
+    from dmfc.training.data import SceneData
+    from dmfc.training.fit import fit
+    from dmfc.training.settings import FitConfig
+
+    training = ctx.config["training"]
+    check_own_losses(ctx.config.get("own_losses", {}))
+    hand, atlas = training_geometry(ctx.inputs)
+    grasps = _grasp_sets(present(ctx.input_list("grasps")))
+    if not any(len(found) for found in grasps.values()):
+        raise DmfcError("no training object has a grasp: raise grasps.max_checks")
+    validated = "validation" in ctx.config
+    if validated:
+        grasps |= _grasp_sets(whole(ctx.input_list("validation_grasps")))
+
+    def scenes(name: str) -> SceneSet:
+        return SceneSet.open([folder / SCENES for folder in ctx.input_list(name)])
+
+    data = SceneData(
+        ctx.config["scenes"],
+        ctx.config["matching"],
+        scenes("scenes"),
+        grasps,
+        atlas.ids,
+        hand.palm_reference,
+        batch_size=training.batch_size,
+        workers=training.loader_workers,
+        seed=training.seed,
+        seeds=ctx.config["network"].levels[0],
+        validation=scenes("validation_scenes") if validated else None,
+    )
+    validation = ctx.config.get("validation", ValidationConfig())
+    config = FitConfig(ctx.config["network"], ctx.config["losses"], training, validation)
+    digest = data_digest(ctx.inputs)
+    fit(stage, config, hand, data, atlas, ctx.out, ctx.work, weights, digest, ctx.progress)
+
+
+def check_own_losses(digests: Mapping[str, str]) -> None:
+    """Raises DmfcError where the file of a user's loss is not the one that the stage's key says."""
+    from dmfc.config.custom_function import own_function
+
+    for text, digest in digests.items():
+        if own_function(text, "losses.own").digest != digest:
+            raise DmfcError(f"losses.own: the file of '{text}' has changed since: run it again")
+
+
+def training_geometry(
+    inputs: Mapping[str, Path | list[Path]],
+) -> tuple[HandModel, ObjectAtlas]:
+    """The hand and the objects of a training stage: to train on, then to validate on."""
+    from dmfc.hand.model import HandModel
+    from dmfc.objects.atlas import ObjectAtlas
+
+    hand, train = inputs["hand"], inputs["objects"]
+    held_out = inputs.get("validation_objects", [])
+    assert isinstance(hand, Path)
+    assert isinstance(train, list)
+    assert isinstance(held_out, list)
+    objects = _Objects([*present(train), *whole(held_out)])
+    return HandModel.load(hand / HAND), ObjectAtlas.of(list(objects.values()))
+
+
+def data_digest(inputs: Mapping[str, Path | list[Path]]) -> str:
+    """SHA-256 of the recorded digests of all files that a stage is given."""
+    import hashlib
+    import json
+
+    folders = {
+        name: [given] if isinstance(given, Path) else given for name, given in inputs.items()
+    }
+    files = {name: [read_record(f).get("files") for f in found] for name, found in folders.items()}
+    return hashlib.sha256(json.dumps(files, sort_keys=True).encode()).hexdigest()

@@ -1,0 +1,254 @@
+"""What depends on which settings: cells that differ in fine-tuning alone share all the rest."""
+
+from collections import Counter
+
+import pytest
+
+from dmfc.config.custom_function import own_function
+from dmfc.config.load import load_config
+from dmfc.engine.stage import closure
+from dmfc.errors import DmfcError
+from dmfc.files.digest import file_digest
+from dmfc.grasps.library import library_file
+from dmfc.pipeline.graph import GraphBuilder, ObjectRef, without
+from dmfc.pipeline.stages import check_own_losses
+from dmfc.sweep.plan import plan_sweep
+from dmfc.sweep.sweep_file import load_sweep
+from tests.support.fake_science import fake_refs
+
+
+@pytest.fixture
+def builder():
+    return GraphBuilder(fake_refs)
+
+
+def by_kind(stages):
+    kinds: dict[str, set] = {}
+    for stage in closure(stages):
+        kinds.setdefault(stage.kind, set()).add(stage.key)
+    return kinds
+
+
+def changed(builder, *overrides):
+    """Kinds of stages whose keys change with a setting."""
+    before, after = (
+        by_kind(builder.cell(load_config("smoke", given), "finetuned", "c").evaluations)
+        for given in ([], list(overrides))
+    )
+    return {kind for kind in before if before[kind] != after[kind]}
+
+
+def test_table_one_shares_data_and_pretraining(builder):
+    plan = plan_sweep(load_sweep("table1"), builder, "smoke")
+    counts = Counter(stage.kind for stage in closure(plan.targets))
+    shards = len(plan.cells[0].stages.evaluations)
+    train_shards = counts["scenes"] - shards
+    assert counts["pretrain"] == 1
+    assert counts["finetune"] == 4
+    assert counts["hand"] == 1
+    assert counts["evaluate"] == 9 * shards
+    assert counts["object"] == counts["grasps"] == 8
+    assert train_shards == 2
+
+
+@pytest.mark.parametrize(
+    ("override", "kinds"),
+    [
+        ("losses.weights.collision=7", {"finetune", "evaluate"}),
+        ("losses.q1.directions=728", {"finetune", "evaluate"}),
+        ("losses.units.guidance=0.5", {"finetune", "evaluate"}),
+        ("losses.grasp_space.length_unit=0.5", {"pretrain", "finetune", "evaluate"}),
+        ("training.finetune.epochs=9", {"finetune", "evaluate"}),
+        ("training.hard_samples=9", {"pretrain", "finetune", "evaluate"}),
+        ("training.pretrain.epochs=9", {"pretrain", "finetune", "evaluate"}),
+        ("losses.weights.confidence=7", {"pretrain", "finetune", "evaluate"}),
+        ("network.width=16", {"pretrain", "finetune", "evaluate"}),
+        ("matching.distance=0.01", {"pretrain", "finetune", "evaluate"}),
+        ("scenes.augmentation.noise=0.01", {"pretrain", "finetune", "evaluate"}),
+        ("execution.min_confidence=0.5", {"evaluate"}),
+        ("execution.protocol=dexgraspbench", {"evaluate"}),
+        ("execution.changes={physics.timestep: 0.001}", {"evaluate"}),
+        ("scenes.train.seed=5", {"scenes", "pretrain", "finetune", "evaluate"}),
+        ("scenes.test.seed=5", {"scenes", "evaluate"}),
+        ("grasps.per_object=7", {"grasps", "scenes", "pretrain", "finetune", "evaluate"}),
+        ("grasps.refine.steps=0", set()),
+        ("grasps.refine.steps=5", {"grasps", "scenes", "pretrain", "finetune", "evaluate"}),
+        (
+            "objects.prepare.sdf_spacing=0.006",
+            {"object", "grasps", "scenes", "pretrain", "finetune", "evaluate"},
+        ),
+        ("losses.own={}", set()),
+        ("grasps.library=''", set()),
+        ("training.threads=4", set()),
+        ("training.loader_workers=2", set()),
+        ("run.cpus=1", set()),
+        ("run.gpus_per_training=0.5", set()),
+    ],
+)
+def test_a_setting_reruns_exactly_what_depends_on_it(builder, override, kinds):
+    assert changed(builder, override) == kinds
+
+
+def test_how_hard_samples_are_chosen_in_finetuning_leaves_pretraining_alone(builder):
+    def kinds(*overrides):
+        config = load_config("smoke", ["training.hard_stages=finetune", *overrides])
+        return by_kind(builder.cell(config, "finetuned", "c").evaluations)
+
+    usual = kinds()
+    for override in (
+        "training.hard_samples=9",
+        "training.hard_scope=scene",
+        "training.finetune_seeds=labelled",
+    ):
+        other = kinds(override)
+        assert other["pretrain"] == usual["pretrain"]
+        assert other["finetune"] != usual["finetune"]
+
+
+def keys(builder, *overrides):
+    return by_kind(builder.cell(load_config("smoke", overrides), "finetuned", "c").evaluations)
+
+
+def test_a_loss_of_the_users_own_reruns_what_learns_with_it_whenever_its_file_changes(
+    builder, tmp_path
+):
+    file = tmp_path / "mine.py"
+    file.write_text("def high(hands):\n    return hands.position[:, 2]\n")
+    override = f"losses.own={{{file}:high: 1}}"
+    assert changed(builder, override) == {"finetune", "evaluate"}
+    before = keys(builder, override)
+    file.write_text("def high(hands):\n    return -hands.position[:, 2]\n")
+    after = keys(builder, override)
+    assert {kind for kind in before if before[kind] != after[kind]} == {"finetune", "evaluate"}
+    with pytest.raises(DmfcError, match=r"unknown function of .* 'hihg'; did you mean 'high'"):
+        keys(builder, f"losses.own={{{file}:hihg: 1}}")
+
+
+def test_a_loss_that_changed_after_the_sweep_began_is_refused(tmp_path):
+    file = tmp_path / "mine.py"
+    file.write_text("def high(hands): ...\n")
+    digest = own_function(f"{file}:high", "losses.own").digest
+    check_own_losses({f"{file}:high": digest})
+    file.write_text("def high(hands): return 1\n")
+    with pytest.raises(DmfcError, match="has changed since"):
+        check_own_losses({f"{file}:high": digest})
+
+
+def test_a_hand_of_the_users_own_reruns_all_that_has_a_hand_whenever_its_files_change(
+    builder, tmp_path
+):
+    mjcf = tmp_path / "hand.xml"
+    mjcf.write_text('<mujoco><compiler meshdir="parts"/><mesh file="palm.stl"/></mujoco>')
+    (tmp_path / "hand.yaml").write_text("name: mine\nmjcf: hand.xml\npalm: palm\n")
+    (tmp_path / "parts").mkdir()
+    mesh = tmp_path / "parts" / "palm.stl"
+    mesh.write_text("one")
+    override = f"hand.name={tmp_path / 'hand.yaml'}"
+    with_hand = {"hand", "grasps", "scenes", "pretrain", "finetune", "evaluate"}
+    for change in (
+        lambda: mesh.write_text("two"),
+        lambda: mjcf.write_text(mjcf.read_text() + " "),
+        lambda: (tmp_path / "hand.yaml").write_text("name: ours\nmjcf: hand.xml\npalm: palm\n"),
+    ):
+        before = keys(builder, override)
+        assert keys(builder, override) == before
+        change()
+        after = keys(builder, override)
+        assert {kind for kind in before if before[kind] != after[kind]} == with_hand
+
+
+def test_validation_is_its_own_objects_and_touches_training_alone(builder):
+    config = load_config("smoke", ["validation.objects=[procedural/cup-0009]"])
+    stages = closure(builder.cell(config, "finetuned", "c").evaluations)
+    assert sum(stage.kind == "object" for stage in stages) == 10
+    assert changed(builder, "validation.objects=[procedural/cup-0009]", "validation.every=2") == {
+        "object",
+        "grasps",
+        "scenes",
+        "pretrain",
+        "finetune",
+        "evaluate",
+    }
+    assert changed(builder, "validation.every=2") == set()
+    for held_out in (config.objects.train, config.objects.test):
+        shared = load_config("smoke", [f"validation.objects=[{held_out[0]}]"])
+        with pytest.raises(DmfcError, match="objects of its own"):
+            builder.pretrain(shared)
+
+
+def test_more_test_scenes_keep_the_shards_there_are(builder):
+    few = builder.scenes(load_config("smoke", ["scenes.test.count=4"]), "test")
+    more = builder.scenes(load_config("smoke", ["scenes.test.count=8"]), "test")
+    assert [stage.key for stage in few] == [stage.key for stage in more[: len(few)]]
+
+
+def test_one_model_under_two_names_is_one_stage(builder):
+    config = load_config("smoke")
+    one, two = (builder.cell(config, "finetuned", name) for name in ("one", "two"))
+    assert [s.key for s in one.evaluations] == [s.key for s in two.evaluations]
+
+
+def test_a_seed_is_a_model_of_its_own_on_the_same_data(builder):
+    one, two = (
+        by_kind(
+            builder.cell(
+                load_config("smoke", [f"training.seed={seed}"]), "pretrained", "c"
+            ).evaluations
+        )
+        for seed in (0, 1)
+    )
+    assert {kind for kind in one if one[kind] != two[kind]} == {"pretrain", "evaluate"}
+
+
+def test_test_objects_are_never_trained_on(builder):
+    config = load_config("smoke", ["objects.train=[a, b]", "objects.test=[b]"])
+    with pytest.raises(DmfcError, match=r"'b/0' is in objects\.train and in objects\.test"):
+        builder.cell(config, "pretrained", "c")
+
+
+def test_an_empty_object_list_is_an_error(builder):
+    for split in ("train", "test"):
+        config = load_config("smoke", [f"objects.{split}=[]"])
+        with pytest.raises(DmfcError, match=rf"objects\.{split} selects no object"):
+            builder.cell(config, "pretrained", "c")
+
+
+def test_no_scenes_is_an_error(builder):
+    config = load_config("smoke", ["scenes.test.count=0"])
+    with pytest.raises(DmfcError, match=r"scenes\.test\.count"):
+        builder.cell(config, "pretrained", "c")
+
+
+def test_without_puts_defaults_back():
+    config = load_config(None, ["training.finetune.epochs=3", "training.batch_size=9"])
+    masked = without(config.training, "finetune")
+    assert masked.finetune.epochs == 20
+    assert masked.batch_size == 9
+    with pytest.raises(ValueError, match="lacks"):
+        without(config.training, "no_such_field")
+
+
+def test_either_plans_what_the_library_lacks_and_nothing_else():
+    refs = [ObjectRef("procedural/can-0005", "d"), ObjectRef("procedural/can-9005", "d")]
+    builder = GraphBuilder(lambda selectors: refs)
+    planned = builder.grasps(load_config("smoke", []), "train")
+    taken, missing = builder.grasps(load_config("smoke", ["grasps.source=either"]), "train")
+    assert taken.config["library"] == file_digest(library_file("shadow", "procedural/can-0005"))
+    assert missing.key == planned[1].key
+    with pytest.raises(DmfcError, match=r"can-9005.* set grasps\.source=either"):
+        builder.grasps(load_config("smoke", ["grasps.source=library"]), "train")
+
+
+def test_a_library_of_the_users_own_stands_in_for_the_packages(tmp_path):
+    refs = [ObjectRef("procedural/can-0005", "d"), ObjectRef("own/ring", "d")]
+    builder = GraphBuilder(lambda selectors: refs)
+    file = tmp_path / "shadow" / "own__ring.parquet"
+    file.parent.mkdir()
+    file.write_bytes(b"grasps")
+    mine = ["grasps.source=either", f"grasps.library={tmp_path}"]
+    planned, taken = builder.grasps(load_config("smoke", mine), "train")
+    assert taken.config["library"] == file_digest(file)
+    assert taken.hints["file"] == str(file)
+    assert planned.key == builder.grasps(load_config("smoke", []), "train")[0].key
+    with pytest.raises(DmfcError, match=r"grasps\.library: .*nowhere is not a folder"):
+        builder.grasps(load_config("smoke", ["grasps.library=nowhere"]), "train")
