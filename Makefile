@@ -38,7 +38,7 @@ test-all: install
 
 # Kills workers, nodes and drivers under a sweep on a cluster of two nodes on this machine.
 chaos: install
-	$(BIN)/python -m pytest tests/chaos/test_chaos.py tests/chaos
+	$(BIN)/python -m pytest tests/chaos
 
 bench: install
 	$(BIN)/python -m pytest tests/benchmarks/bench_*.py --benchmark-only

@@ -24,11 +24,11 @@ from dmfc.cli.evaluate import evaluated
 from dmfc.errors import DmfcError
 from dmfc.execution.candidates import GraspCandidates
 from dmfc.execution.evaluate import Evaluation
-from dmfc.objects.atlas import ObjectAtlas, SceneObjects
 from dmfc.losses.task import SceneTerms
-from dmfc.scenes.scene_set import Scene
+from dmfc.objects.atlas import ObjectAtlas, SceneObjects
 from dmfc.pipeline.replay import input_folders
 from dmfc.pipeline.stages import evaluation_of
+from dmfc.scenes.scene_set import Scene
 
 CONFIDENT, KEPT = 64, 16
 MEASURES = ("collision", "collision, opened", "guidance", "q1_upper", "confidence")

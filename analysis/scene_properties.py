@@ -15,8 +15,8 @@ import mujoco
 import numpy as np
 import trimesh
 
-from dmfc.cli.common import Session
 from dmfc.config.schema import Config
+from dmfc.experiment.session import Session
 from dmfc.hand.description import load_description
 from dmfc.objects.model import ObjectModel
 from dmfc.physics.world import World

@@ -20,9 +20,9 @@ from matplotlib.figure import Figure
 from scipy.stats import permutation_test, spearmanr
 
 from dmfc.config.validation import MEASURES
+from dmfc.engine.ledger import Ledger
 from dmfc.report.collect import cell_rows, read_sweep, resolve_sweeps
 from dmfc.report.rates import Rates, rates
-from dmfc.engine.ledger import Ledger
 
 DRAWS = 2000
 PICTURED = 4

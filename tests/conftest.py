@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+ROOT = Path(__file__).resolve().parents[1]
+
 
 @pytest.fixture(scope="session", autouse=True)
 def ctrl_c_is_heard():
@@ -19,7 +21,7 @@ def ctrl_c_is_heard():
 def dmfc(capsys, monkeypatch):
     """Runs `dmfc ...` in this process; gives (status, standard output, standard error)."""
 
-    from dmfc import cli
+    from dmfc.cli import main as cli
 
     def call(*arguments: object) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["dmfc", *map(str, arguments)])
@@ -48,3 +50,35 @@ def empty_database(tmp_path_factory):
     path = tmp_path_factory.mktemp("mlflow") / "mlflow.db"
     MlflowClient(f"sqlite:///{path}").search_experiments()
     return path
+
+
+@pytest.fixture(scope="session")
+def ray_cluster():
+    """One Ray for the whole session."""
+    import ray
+
+    from tests.chaos.two_nodes import patiently
+
+    with pytest.MonkeyPatch.context() as patch:
+        # Ray's workers import the trivial stages as the tests do.
+        patch.setenv("PYTHONPATH", str(ROOT))
+        patiently(
+            lambda: ray.init(
+                address="local",
+                num_cpus=2,
+                include_dashboard=False,
+                log_to_driver=False,
+                logging_level="ERROR",
+                object_store_memory=100 * 2**20,
+            ),
+            ray.shutdown,
+        )
+        yield
+        ray.shutdown()
+
+
+@pytest.fixture
+def ledger(tmp_path):
+    from dmfc.engine.ledger import Ledger
+
+    return Ledger(tmp_path / "store")

@@ -13,7 +13,8 @@ from pathlib import Path
 
 import typer
 
-from dmfc.cli.common import STORE, AsJson, Store, show_rows
+from dmfc.cli.common import STORE, AsJson, Store
+from dmfc.experiment.console import show_rows
 
 PACKAGES = (
     "dmfc", "torch", "lightning", "mujoco", "pytorch-kinematics", "ray", "mlflow", "coacd",

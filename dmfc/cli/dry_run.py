@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from dmfc.cli.common import answer, show_rows
+from dmfc.experiment.console import answer, show_rows
 
 if TYPE_CHECKING:
     from dmfc.engine.ledger import Ledger

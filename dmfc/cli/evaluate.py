@@ -8,25 +8,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dmfc.cli.common import (
-    PRESET,
-    STORE,
-    AsJson,
-    Overrides,
-    Preset,
-    Session,
-    Store,
-    answer,
-    require,
-    show_rows,
-)
+from dmfc.cli.common import PRESET, STORE, AsJson, Overrides, Preset, Store
 from dmfc.errors import DmfcError, unknown_name
+from dmfc.experiment.console import answer, show_rows
+from dmfc.experiment.session import Session, require
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from dmfc.report.table import SweepTable
     from dmfc.engine.stage import Stage
+    from dmfc.report.table import SweepTable
 
 WEIGHTS = "weights.safetensors"
 CHECKS = ("contact_penetration", "contact_force", "hand_penetration", "self_penetration")
@@ -185,8 +176,8 @@ def _report(
         "files": [str(folder / TRIALS) for folder in folders],
     }
     if out is not None:
+        from dmfc.files.atomic import write_json
         from dmfc.report.failures import draw_failures
-        from dmfc.engine.context import write_json
 
         out.mkdir(parents=True, exist_ok=True)
         rows.to_parquet(out / TRIALS, index=False)

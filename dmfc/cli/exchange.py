@@ -13,15 +13,13 @@ from dmfc.cli.common import (
     AsJson,
     Overrides,
     Preset,
-    Session,
     Store,
     end_if_failed,
-    failures,
-    require,
-    show_rows,
     with_failures,
 )
 from dmfc.errors import DmfcError, unknown_name
+from dmfc.experiment.console import show_rows
+from dmfc.experiment.session import Session, failures, require
 
 if TYPE_CHECKING:
     from dmfc.engine.stage import Stage

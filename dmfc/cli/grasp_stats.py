@@ -14,24 +14,20 @@ from dmfc.cli.common import (
     AsJson,
     Overrides,
     Preset,
-    Session,
     Store,
-    answer,
     end_if_failed,
-    failures,
-    require,
-    show_rows,
-    stderr,
     with_failures,
 )
 from dmfc.cli.grasps import Selectors, grasp_stages, object_stages
 from dmfc.errors import DmfcError
+from dmfc.experiment.console import answer, show_rows, stderr
+from dmfc.experiment.session import Session, failures, require
 
 if TYPE_CHECKING:
+    from dmfc.engine.stage import Stage
     from dmfc.grasps.grasp_set import GraspSet
     from dmfc.hand.model import HandModel
     from dmfc.objects.model import ObjectModel
-    from dmfc.engine.stage import Stage
 
 ALL = ""
 """In place of an object: all of them."""
@@ -203,8 +199,8 @@ def _match(
 def _write_sheet(
     session: Session, sets: Sequence[GraspSet], objects: dict[str, ObjectModel], path: Path
 ) -> None:
-    from dmfc.visualization.grasp_sheet import contact_sheet
     from dmfc.hand.description import load_description
+    from dmfc.visualization.grasp_sheet import contact_sheet
 
     description = load_description(session.config.hand.name)
     pairs = [(objects[found.object_id], found) for found in sets]

@@ -7,22 +7,24 @@ from typing import Annotated
 
 import typer
 
-from dmfc import (
-    cli_data,
-    cli_doctor,
-    cli_evaluate,
-    cli_exchange,
-    cli_grasp_stats,
-    cli_model,
-    cli_predict,
-    cli_scenes,
-    cli_store,
-    cli_sweep,
-    cli_tracking,
-    cli_view,
+from dmfc.cli import (
+    assets,
+    doctor,
+    evaluate,
+    exchange,
+    grasp_stats,
+    grasps,
+    objects,
+    predict,
+    scenes,
+    store,
+    sweep,
+    tracking,
+    train,
+    view,
 )
-from dmfc.cli.common import stderr
 from dmfc.errors import DmfcError
+from dmfc.experiment.console import stderr
 
 app = typer.Typer(
     name="dmfc",
@@ -31,25 +33,25 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.command()(cli_doctor.doctor)
-app.add_typer(cli_data.assets, name="assets")
-app.add_typer(cli_data.objects, name="objects")
-cli_data.grasps.command("stats")(cli_grasp_stats.grasps_stats)
-cli_data.grasps.command("import")(cli_exchange.grasps_import)
-cli_data.grasps.command("export")(cli_exchange.grasps_export)
-app.add_typer(cli_data.grasps, name="grasps")
-app.add_typer(cli_scenes.scenes, name="scenes")
-app.command()(cli_model.train)
-app.command()(cli_evaluate.evaluate)
-app.command()(cli_evaluate.compare)
-app.command()(cli_predict.predict)
-app.command()(cli_view.view)
-app.add_typer(cli_predict.models_app, name="models")
-app.add_typer(cli_sweep.sweep_app, name="sweep")
-app.command()(cli_sweep.tables)
-app.command()(cli_tracking.ui)
-app.add_typer(cli_tracking.tracking_app, name="tracking")
-app.add_typer(cli_store.store_app, name="store")
+app.command()(doctor.doctor)
+app.add_typer(assets.assets, name="assets")
+app.add_typer(objects.objects, name="objects")
+grasps.grasps.command("stats")(grasp_stats.grasps_stats)
+grasps.grasps.command("import")(exchange.grasps_import)
+grasps.grasps.command("export")(exchange.grasps_export)
+app.add_typer(grasps.grasps, name="grasps")
+app.add_typer(scenes.scenes, name="scenes")
+app.command()(train.train)
+app.command()(evaluate.evaluate)
+app.command()(evaluate.compare)
+app.command()(predict.predict)
+app.command()(view.view)
+app.add_typer(predict.models_app, name="models")
+app.add_typer(sweep.sweep_app, name="sweep")
+app.command()(sweep.tables)
+app.command()(tracking.ui)
+app.add_typer(tracking.tracking_app, name="tracking")
+app.add_typer(store.store_app, name="store")
 
 
 def _version(wanted: bool) -> None:

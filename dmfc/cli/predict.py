@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dmfc.cli.common import AsJson, show_rows, stderr
+from dmfc.cli.common import AsJson
 from dmfc.errors import DmfcError
+from dmfc.experiment.console import show_rows, stderr
 
 if TYPE_CHECKING:
     import numpy as np

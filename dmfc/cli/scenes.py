@@ -8,17 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dmfc.cli.common import (
-    PRESET,
-    STORE,
-    AsJson,
-    Overrides,
-    Preset,
-    Session,
-    Store,
-    answer,
-    show_rows,
-)
+from dmfc.cli.common import PRESET, STORE, AsJson, Overrides, Preset, Store
+from dmfc.errors import DmfcError
+from dmfc.experiment.console import answer, show_rows
 from dmfc.experiment.scene_sets import (
     hand_of,
     made_by,
@@ -31,7 +23,7 @@ from dmfc.experiment.scene_sets import (
     spread,
     write_card,
 )
-from dmfc.errors import DmfcError
+from dmfc.experiment.session import Session
 
 if TYPE_CHECKING:
     from dmfc.scenes.publish.published import PublishedSet
@@ -105,8 +97,8 @@ def scenes_show(
     as_json: AsJson = False,
 ) -> None:
     """Draw a scene: depth images, cloud by object, positive points, some grasps."""
-    from dmfc.visualization.scenes import scene_picture
     from dmfc.scenes.views import scene_views
+    from dmfc.visualization.scenes import scene_picture
 
     found, session = open_set(split, at, preset, overrides, store)
     if number >= len(found.scenes):

@@ -6,8 +6,9 @@ from typing import Annotated
 
 import typer
 
-from dmfc.cli.common import STORE, AsJson, Store, answer, show_rows
+from dmfc.cli.common import STORE, AsJson, Store
 from dmfc.errors import DmfcError
+from dmfc.experiment.console import answer, show_rows
 
 store_app = typer.Typer(
     name="store", help="Finished stages: what there is, and moving it.", no_args_is_help=True
@@ -107,9 +108,9 @@ def prune(
     as_json: AsJson = False,
 ) -> None:
     """Remove stages that no sweep refers to."""
-    from dmfc.report.collect import list_sweeps, resolve_sweeps
     from dmfc.engine import store as stored
     from dmfc.engine.ledger import Ledger
+    from dmfc.report.collect import list_sweeps, resolve_sweeps
 
     ledger = Ledger(store)
     kept = resolve_sweeps(ledger, keep) if keep else list_sweeps(ledger)
@@ -129,10 +130,10 @@ def export(
     store: Store = STORE,
 ) -> None:
     """Write sweeps and all stages that they are made of into one archive; default: all sweeps."""
-    from dmfc.report.collect import list_sweeps, resolve_sweeps
     from dmfc.engine.archive import export_to
     from dmfc.engine.ledger import Ledger
     from dmfc.engine.store import referred
+    from dmfc.report.collect import list_sweeps, resolve_sweeps
 
     ledger = Ledger(store)
     chosen = resolve_sweeps(ledger, sweeps) if sweeps else list_sweeps(ledger)

@@ -9,19 +9,11 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from dmfc.cli.common import (
-    PRESET,
-    STORE,
-    AsJson,
-    Overrides,
-    Preset,
-    Session,
-    Store,
-    answer,
-    interrupts_told,
-)
-from dmfc.experiment.drive import disk_errors_told, drive, page_writer, show_status, write_tables
+from dmfc.cli.common import PRESET, STORE, AsJson, Overrides, Preset, Store
 from dmfc.cli.dry_run import show_plans
+from dmfc.experiment.console import answer
+from dmfc.experiment.drive import disk_errors_told, drive, page_writer, show_status, write_tables
+from dmfc.experiment.session import Session, interrupts_told
 
 
 class RunByDefault(TyperGroup):
@@ -97,10 +89,10 @@ def status(
     as_json: AsJson = False,
 ) -> None:
     """Say how sweeps stand: finished stages, what is being run and where, what failed."""
-    from dmfc.report.collect import read_sweep, resolve_sweeps
     from dmfc.engine.ledger import Ledger
     from dmfc.engine.state import read_state
     from dmfc.engine.status import counts, running
+    from dmfc.report.collect import read_sweep, resolve_sweeps
 
     ledger = Ledger(store)
     told = []
@@ -135,9 +127,9 @@ def tables(
     as_json: AsJson = False,
 ) -> None:
     """Make the tables again from trial rows alone, without running anything."""
-    from dmfc.report.collect import read_sweep, resolve_sweeps
     from dmfc.engine.ledger import Ledger
     from dmfc.engine.state import read_state
+    from dmfc.report.collect import read_sweep, resolve_sweeps
 
     ledger = Ledger(store)
     wanted = resolve_sweeps(ledger, sweep_ids)

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dmfc.cli.common import STORE, AsJson, Store, show_rows
+from dmfc.cli.common import STORE, AsJson, Store
+from dmfc.experiment.console import show_rows
 
 if TYPE_CHECKING:
     from dmfc.engine.ledger import Ledger
@@ -31,8 +32,8 @@ def rebuild(
     sweeps: Sweeps = None, uri: Uri = "", store: Store = STORE, as_json: AsJson = False
 ) -> None:
     """Make all runs again in an empty database or on an empty server."""
-    from dmfc.report.collect import list_sweeps, resolve_sweeps
     from dmfc.engine.ledger import Ledger
+    from dmfc.report.collect import list_sweeps, resolve_sweeps
     from dmfc.tracking.project import rebuild as make
 
     ledger = Ledger(store)
@@ -50,8 +51,8 @@ def sync(
     sweeps: Sweeps = None, uri: Uri = "", store: Store = STORE, as_json: AsJson = False
 ) -> None:
     """Add what MLflow lacks: after a crash, after a server was away, or to a second server."""
-    from dmfc.report.collect import list_sweeps, resolve_sweeps
     from dmfc.engine.ledger import Ledger
+    from dmfc.report.collect import list_sweeps, resolve_sweeps
     from dmfc.tracking.project import project_sweep
 
     ledger = Ledger(store)

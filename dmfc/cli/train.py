@@ -8,19 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dmfc.cli.common import (
-    PRESET,
-    STORE,
-    AsJson,
-    Overrides,
-    Preset,
-    Session,
-    Store,
-    answer,
-    require,
-    show_rows,
-)
+from dmfc.cli.common import PRESET, STORE, AsJson, Overrides, Preset, Store
 from dmfc.errors import unknown_name
+from dmfc.experiment.console import answer, show_rows
+from dmfc.experiment.session import Session, require
 
 if TYPE_CHECKING:
     from dmfc.engine.stage import Stage

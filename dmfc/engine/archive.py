@@ -19,11 +19,11 @@ from pathlib import Path
 
 from pyarrow.fs import FileType
 
-from dmfc.errors import DmfcError
-from dmfc.files.storage import located
 from dmfc.engine.digest import RECORD, damage, folder_digests
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.store import identity_key, verify
+from dmfc.errors import DmfcError
+from dmfc.files.storage import located
 
 MANIFEST = "manifest.json"
 VERSION = 1
@@ -208,7 +208,7 @@ def _adopt(ledger: Ledger, address: str, staging: Path) -> bool:
 
 def _digests(folder: Path) -> dict[str, str]:
     """Digests of all files of a folder, the record too."""
-    from dmfc.grasps.library import file_digest
+    from dmfc.files.digest import file_digest
 
     own = {RECORD: file_digest(folder / RECORD)} if (folder / RECORD).is_file() else {}
     return own | folder_digests(folder)

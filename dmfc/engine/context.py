@@ -6,12 +6,13 @@ import json
 import os
 import platform
 import time
-import uuid
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 from typing import Any
+
+from dmfc.files.atomic import write_json
 
 ATTEMPT = "attempt.json"
 PROGRESS_SECONDS = 0.5
@@ -85,10 +86,3 @@ def read_attempt(work: Path) -> dict[str, Any]:
         return json.loads((work / ATTEMPT).read_text())
     except FileNotFoundError:
         return {}
-
-
-def write_json(path: Path, value: Any) -> None:
-    """Write `value` whole or not at all: a reader never sees half of it."""
-    temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}")
-    temporary.write_text(json.dumps(value, indent=1, sort_keys=True) + "\n")
-    temporary.replace(path)

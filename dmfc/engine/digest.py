@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from dmfc.grasps.library import file_digest
+from dmfc.files.digest import file_digest
 
 RECORD = "stage.json"
 

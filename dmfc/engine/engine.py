@@ -10,7 +10,7 @@ from typing import Protocol
 from dmfc.config.schema import Config
 from dmfc.config.sweep import StageLimits
 from dmfc.engine.context import read_attempt
-from dmfc.engine.kinds import KINDS, Registry, kind_of
+from dmfc.engine.kinds import Registry, kind_of
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.pools import LocalPool, Pool, RayPool
 from dmfc.engine.provenance import git_commit
@@ -44,10 +44,10 @@ def run_stages(
     targets: Iterable[Stage],
     ledger: Ledger,
     config: Config,
+    kinds: Registry,
     *,
     watcher: Watcher | None = None,
     local: bool = False,
-    kinds: Registry = KINDS,
 ) -> Outcomes:
     """Make every target and what it needs that is not in the ledger yet.
 

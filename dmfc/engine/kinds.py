@@ -19,14 +19,6 @@ def _no_gpu(config: Config) -> float:
     return 0.0
 
 
-def _training_cpus(config: Config) -> int:
-    return max(1, config.training.threads + config.training.loader_workers)
-
-
-def _training_gpus(config: Config) -> float:
-    return config.run.gpus_per_training
-
-
 @dataclass(frozen=True)
 class StageKind:
     """How one kind of stage is run.
@@ -62,32 +54,7 @@ def registry(*kinds: StageKind) -> dict[str, StageKind]:
     return {kind.name: kind for kind in kinds}
 
 
-KINDS: Registry = registry(
-    StageKind("hand", "dmfc.pipeline.stages:make_hand", version=1),
-    StageKind("object", "dmfc.pipeline.stages:prepare_object", version=1, may_fail=True),
-    StageKind("grasps", "dmfc.pipeline.stages:plan_grasps", version=3, may_fail=True),
-    StageKind("scenes", "dmfc.pipeline.stages:make_scenes", version=2),
-    StageKind(
-        "pretrain",
-        "dmfc.pipeline.stages:pretrain",
-        version=4,
-        cpus=_training_cpus,
-        gpus=_training_gpus,
-    ),
-    StageKind(
-        "finetune",
-        "dmfc.pipeline.stages:finetune",
-        version=4,
-        cpus=_training_cpus,
-        gpus=_training_gpus,
-    ),
-    StageKind("rollouts", "dmfc.sweep.stages_outcome:rollouts", version=1, may_fail=True),
-    StageKind("outcome", "dmfc.sweep.stages_outcome:outcome", version=1),
-    StageKind("evaluate", "dmfc.pipeline.stages:evaluate", version=7),
-)
-
-
-def kind_of(name: str, kinds: Registry = KINDS) -> StageKind:
+def kind_of(name: str, kinds: Registry) -> StageKind:
     """The kind called `name`. Raises DmfcError naming the nearest one."""
     if name not in kinds:
         raise unknown_name("kind of stage", name, kinds)

@@ -19,9 +19,9 @@ from typing import Any
 
 from filelock import FileLock
 
-from dmfc.errors import DmfcError
-from dmfc.engine.context import write_json
 from dmfc.engine.digest import RECORD, folder_digests
+from dmfc.errors import DmfcError
+from dmfc.files.atomic import write_json
 
 FAILURE = "failure.json"
 RECORD_VERSION = 2

@@ -9,8 +9,8 @@ from collections import deque
 from typing import Any, Protocol
 
 from dmfc.config.sweep import RunConfig
-from dmfc.errors import DmfcError
 from dmfc.engine.worker import Job, Outcome, execute
+from dmfc.errors import DmfcError
 
 OBJECT_STORE_BYTES = 100 * 2**20
 """Ray's shared memory: stages exchange files, so the least it accepts is plenty."""

@@ -12,7 +12,7 @@ from importlib.metadata import distributions
 from pathlib import Path
 from typing import Any
 
-from dmfc.engine.context import write_json
+from dmfc.files.atomic import write_json
 
 PROVENANCE = "provenance.json"
 VECTOR_FLAGS = ("avx", "amx", "sve")

@@ -18,7 +18,7 @@ from typing import Literal
 
 from filelock import FileLock, Timeout
 
-from dmfc.engine.context import write_json
+from dmfc.files.atomic import write_json
 
 STATE = "state.json"
 Status = Literal["UNSTARTED", "RUNNING", "FINISHED", "FAILED", "KILLED"]

@@ -13,10 +13,10 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
-from dmfc.errors import DmfcError, unknown_name
 from dmfc.engine.digest import damage
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.stage import key_of
+from dmfc.errors import DmfcError, unknown_name
 
 DAY = 86400.0
 

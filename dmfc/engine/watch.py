@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from dmfc.engine.context import read_progress
-from dmfc.engine.kinds import KINDS, Registry
+from dmfc.engine.kinds import Registry
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.stage import Stage
 from dmfc.engine.worker import Job, Outcome
@@ -57,7 +57,7 @@ class Tally:
 class Progress:
     """Watches a run and shows it on `console` (see `dmfc.engine.engine.Watcher`)."""
 
-    def __init__(self, ledger: Ledger, console: Console, kinds: Registry = KINDS) -> None:
+    def __init__(self, ledger: Ledger, console: Console, kinds: Registry) -> None:
         self._ledger, self._console, self._kinds = ledger, console, kinds
         self._tally = Tally()
         self._live: Live | None = None

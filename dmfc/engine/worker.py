@@ -16,11 +16,11 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
-from dmfc.errors import DmfcError
 from dmfc.engine.context import StageContext, tell_attempt
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.stage import plain
 from dmfc.engine.system import keep_samples, sampled
+from dmfc.errors import DmfcError
 
 ERROR_LOG = "error.txt"
 

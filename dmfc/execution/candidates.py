@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 from dmfc.config.execution import ExecutionConfig
 from dmfc.grasps.grasp_set import GraspSet
 from dmfc.hand.model import HandModel
+from dmfc.network.inference import PredictedGrasps
 from dmfc.scenes.scene_grasps import grasps_in_scene
 from dmfc.scenes.scene_set import Scene
-from dmfc.network.inference import PredictedGrasps
 
 
 @dataclass(frozen=True)

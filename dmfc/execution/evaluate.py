@@ -29,6 +29,7 @@ from dmfc.geometry.transforms import transform
 from dmfc.grasps.grasp_set import GraspSet
 from dmfc.hand.description import HandDescription
 from dmfc.hand.model import HandModel
+from dmfc.network.inference import predict
 from dmfc.network.model import DmfcGraspNet
 from dmfc.objects.model import ObjectModel
 from dmfc.outcome.features import Grasps
@@ -36,7 +37,6 @@ from dmfc.outcome.judge import Judge
 from dmfc.physics.world import World
 from dmfc.prediction.cloud_check import CloudCheck
 from dmfc.scenes.scene_set import Scene, SceneSet
-from dmfc.network.inference import predict
 
 Row = Literal["model", "planner", "random"]
 Progress = Callable[[float, str], None]

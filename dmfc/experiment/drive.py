@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from dmfc.cli.common import run_shown, show_rows, stderr
 from dmfc.errors import DmfcError
+from dmfc.experiment.console import show_rows, stderr
+from dmfc.experiment.session import run_shown
 
 if TYPE_CHECKING:
-    from dmfc.report.table import SweepTable
     from dmfc.engine.engine import Outcomes
     from dmfc.engine.ledger import Ledger
+    from dmfc.report.table import SweepTable
     from dmfc.sweep.plan import SweepPlan
     from dmfc.tracking.live import LiveTracking
 
@@ -100,10 +101,11 @@ def _run(
     before: Outcomes,
 ) -> Outcomes:
     """Run what is missing of the plans that are `growing`; `before` is of earlier rounds."""
-    from dmfc.report.board import Board
     from dmfc.engine.engine import unfinished
     from dmfc.engine.provenance import add_provenance
     from dmfc.engine.state import write_state
+    from dmfc.pipeline.kinds import KINDS
+    from dmfc.report.board import Board
 
     folders, failed = [plan.folder(ledger) for plan in growing], _failures(before)
 
@@ -130,7 +132,7 @@ def _run(
             add_provenance(folder)
         if plan.search:
             stderr().print(f"{plan.sweep.name}: {_round(plan)}", soft_wrap=True)
-    watcher = Watcher(ledger, stderr(), [plan.describe() for plan in plans])
+    watcher = Watcher(ledger, stderr(), [plan.describe() for plan in plans], KINDS)
     return run_shown(targets, ledger, plans[0].config, watcher)
 
 
@@ -160,9 +162,9 @@ def page_writer(
     ledger: Ledger, description: Mapping[str, Any], table: SweepTable
 ) -> Callable[[], Path]:
     """Draw the figures of a sweep's page; gives what writes the page as things then stand."""
+    from dmfc.engine.state import read_state
     from dmfc.report.collect import collect
     from dmfc.report.page import draw_figures, write_page
-    from dmfc.engine.state import read_state
 
     failures = read_state(ledger.store / "sweeps" / table.id).failures
     cells = collect(ledger, description, failures)

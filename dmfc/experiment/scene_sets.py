@@ -8,16 +8,17 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dmfc.cli.common import Session, require, stderr
 from dmfc.errors import DmfcError, unknown_name
+from dmfc.experiment.console import stderr
+from dmfc.experiment.session import Session, require
 
 if TYPE_CHECKING:
+    from dmfc.engine.stage import Stage
     from dmfc.hand.model import HandModel
     from dmfc.objects.model import ObjectModel
     from dmfc.scenes.publish.published import PublishedSet
-    from dmfc.sensing.render import View
     from dmfc.scenes.scene_set import Scene
-    from dmfc.engine.stage import Stage
+    from dmfc.sensing.render import View
 
 SHEET_ROWS = 5
 """Scenes of a contact sheet."""
@@ -101,9 +102,9 @@ def write_card(
     import io
 
     from dmfc.config.scenes import MatchingConfig
+    from dmfc.files.storage import join, write_file
     from dmfc.scenes.publish.card import CARD, SHEET, card_text
     from dmfc.visualization.scenes import contact_sheet
-    from dmfc.files.storage import join, write_file
 
     picture, grasps = io.BytesIO(), found.grasps or None
     matching = MatchingConfig(**found.manifest["matching"])

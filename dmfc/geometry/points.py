@@ -146,3 +146,11 @@ def _ball_query_torch(
 
 def _three_nearest_torch(points: torch.Tensor, queries: torch.Tensor) -> torch.Tensor:
     return _squared_distances(queries, points).sort(dim=-1, stable=True).indices[..., :3]
+
+
+def choose(available: int, count: int, generator: np.random.Generator) -> np.ndarray:
+    """`count` of `available` indices in random order; all of them, then repeats, if too few."""
+    if available >= count:
+        return generator.choice(available, count, replace=False)
+    repeats = generator.choice(available, count - available)
+    return generator.permutation(np.concatenate([np.arange(available), repeats]))

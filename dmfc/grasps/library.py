@@ -5,7 +5,6 @@ One file per object, `<hand>/<source>__<name>.parquet`, made by `dmfc grasps pla
 
 from __future__ import annotations
 
-import hashlib
 from importlib import resources
 from pathlib import Path
 
@@ -18,7 +17,7 @@ def library_folder(own: str = "") -> Path:
     Raises DmfcError where there is no such folder.
     """
     if not own:
-        return Path(str(resources.files("dmfc.grasps") / "library"))
+        return Path(str(resources.files("dmfc.grasps") / "data"))
     folder = Path(own).expanduser().absolute()
     if not folder.is_dir():
         raise DmfcError(f"grasps.library: {folder} is not a folder")
@@ -44,8 +43,3 @@ def library_file(hand: str, object_id: str, folder: Path | None = None) -> Path:
             "set grasps.source=either to plan what it lacks"
         )
     return folder / file_name(hand, object_id)
-
-
-def file_digest(path: Path) -> str:
-    """SHA-256 of a file."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -26,8 +26,8 @@ from dmfc.grasps.refine import Refiner
 from dmfc.hand.description import HandDescription
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.model import HandModel
-from dmfc.objects.atlas import ObjectAtlas, SceneObjects
 from dmfc.losses.q1 import q1_upper
+from dmfc.objects.atlas import ObjectAtlas, SceneObjects
 from dmfc.objects.model import ObjectModel
 from dmfc.physics.world import World
 

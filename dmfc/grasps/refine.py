@@ -19,8 +19,8 @@ from dmfc.geometry.rotations import matrix_from_6d, sixd_from_matrix
 from dmfc.geometry.transforms import inverse, transform
 from dmfc.grasps.propose import Candidates
 from dmfc.hand.model import HandModel
-from dmfc.objects.atlas import ObjectAtlas, SceneObjects
 from dmfc.losses.task import SceneTerms, active_terms, weighted_sum
+from dmfc.objects.atlas import ObjectAtlas, SceneObjects
 from dmfc.objects.model import ObjectModel
 
 PALM_UNIT = 0.05

@@ -10,10 +10,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from dmfc.geometry.box_kernel import points_in_boxes
 from dmfc.geometry.grid_atlas import GridAtlas
 from dmfc.hand.model import HandModel
 from dmfc.objects.atlas import SceneObjects
-from dmfc.geometry.box_kernel import points_in_boxes
 
 ROWS = 64
 """Grasps whose self-collision is looked for together; bounds its memory."""

@@ -15,8 +15,8 @@ import torch
 from torch import Tensor
 
 from dmfc.config.losses import Q1Config
-from dmfc.objects.atlas import SceneObjects
 from dmfc.losses.q1_kernel import critical
+from dmfc.objects.atlas import SceneObjects
 
 LEVELS = {64: 2, 728: 3, 4032: 4}
 """Number of directions r^6 - (r - 2)^6 -> r, lattice points along an edge of the 6-D cube."""

@@ -12,13 +12,13 @@ from dmfc.errors import unknown_name
 from dmfc.geometry.transforms import transform
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.model import HandModel
-from dmfc.objects.atlas import SceneObjects
 from dmfc.losses.clamp import clamp_joints
 from dmfc.losses.collision import SelfCollision, collision
-from dmfc.losses.guidance import guidance
 from dmfc.losses.custom import OwnTerms, PlacedHands
+from dmfc.losses.guidance import guidance
 from dmfc.losses.q1 import grasp_contacts, q1_of_contacts
 from dmfc.losses.q1_lower import q1_lower_of_contacts
+from dmfc.objects.atlas import SceneObjects
 
 TERMS = ("chamfer", "collision", "guidance", "q1_upper", "q1_lower")
 """The terms of the task loss: w1 to w4 of the paper, and the lower bound of Q1."""

@@ -9,7 +9,7 @@ A selector is one of
     procedural:20?from=100  twenty generated objects, beginning with number 100
     procedural:20?from=100&size=large   the same, scaled to what a hand just spans
     folder:/path?unit=mm    the user's own mesh file or folder of mesh files (m, cm, mm, inch)
-    rings.py:rings          what a function in a file of the user's own lists (`dmfc.objects.custom`)
+    rings.py:rings          what a function in the user's file lists (`dmfc.objects.custom`)
     rings.py:rings/small    one of them
 
 Listing reads no mesh, but downloads the pack of a source that needs one.

@@ -12,18 +12,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from dmfc.config.custom_function import own_function
 from dmfc.config.execution import ExecutionConfig
 from dmfc.config.losses import LossWeights, Q1Config
-from dmfc.config.custom_function import own_function
 from dmfc.config.protocol import executed
 from dmfc.config.scenes import SceneSetConfig
 from dmfc.config.schema import Config
-from dmfc.errors import DmfcError
-from dmfc.grasps.library import file_digest, in_library, library_file, library_folder
-from dmfc.hand.description import own_hand_digest
-from dmfc.sweep.graph_outcome import WEIGHTS, judge
-from dmfc.engine.kinds import KINDS, Registry, kind_of
+from dmfc.engine.kinds import Registry, kind_of
 from dmfc.engine.stage import Stage, without
+from dmfc.errors import DmfcError
+from dmfc.files.digest import file_digest
+from dmfc.grasps.library import in_library, library_file, library_folder
+from dmfc.hand.description import own_hand_digest
+from dmfc.pipeline.graph_outcome import WEIGHTS, judge
+from dmfc.pipeline.kinds import KINDS
 
 HARD_SAMPLES = "hard_samples", "hard_error", "hard_scope", "rank_points"
 """Settings of `training` that choose hard samples."""

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dmfc.errors import DmfcError
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.stage import Stage
+from dmfc.errors import DmfcError
 from dmfc.pipeline.stages import evaluation_of
 
 if TYPE_CHECKING:

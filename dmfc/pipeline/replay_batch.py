@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from dmfc.engine.ledger import Ledger
-from dmfc.pipeline.replay import input_folders
 from dmfc.engine.stage import Stage
+from dmfc.pipeline.replay import input_folders
 from dmfc.pipeline.stages import training_geometry
 
 

@@ -10,9 +10,10 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from dmfc.errors import DmfcError
-from dmfc.engine.context import StageContext, write_json
+from dmfc.engine.context import StageContext
 from dmfc.engine.ledger import failure_in, read_record
+from dmfc.errors import DmfcError
+from dmfc.files.atomic import write_json
 
 if TYPE_CHECKING:
     from dmfc.config.hand import HandConfig
@@ -67,8 +68,8 @@ def _take_grasps(ctx: StageContext) -> None:
     """Grasps of the library; refused if they were planned for another shape of that name."""
     import shutil
 
+    from dmfc.files.digest import file_digest
     from dmfc.grasps.grasp_set import GraspSet
-    from dmfc.grasps.library import file_digest
 
     path = Path(ctx.hints["file"])
     found = GraspSet.load(path)
@@ -107,8 +108,8 @@ def make_scenes(ctx: StageContext) -> None:
     )
     write_json(ctx.out / "counts.json", counts)
     if ctx.config["start"] == 0:
-        from dmfc.visualization.scenes import scene_picture
         from dmfc.scenes.scene_set import SceneSet
+        from dmfc.visualization.scenes import scene_picture
 
         scene = SceneSet.open([ctx.out / SCENES])[0]
         scene_picture(scene, ctx.out / f"scene_{scene.scene:04d}.png")
@@ -140,8 +141,8 @@ def evaluation_of(
     """What an evaluation stage executes, from its settings and the folders of its inputs."""
     from dmfc.execution.evaluate import Evaluation
     from dmfc.hand.description import load_description
-    from dmfc.scenes.scene_set import SceneSet
     from dmfc.network.checkpoint import load_network
+    from dmfc.scenes.scene_set import SceneSet
 
     def one(name: str) -> Path:
         folder = inputs[name]
@@ -252,8 +253,8 @@ def _grasp_sets(folders: list[Path]) -> dict[str, GraspSet]:
 
 def _train(ctx: StageContext, stage: Literal["pretrain", "finetune"], weights: Path | None) -> None:
     from dmfc.config.validation import ValidationConfig
-    from dmfc.training.data import SceneData
     from dmfc.scenes.scene_set import SceneSet
+    from dmfc.training.data import SceneData
     from dmfc.training.fit import fit
     from dmfc.training.settings import FitConfig
 

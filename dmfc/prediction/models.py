@@ -52,8 +52,8 @@ def export_model(stage: Path, out: Path, default: bool = False, measured: str = 
     of the models beside it. Its card is written anew. Raises DmfcError where `stage` holds no
     network, or one too large to be shipped.
     """
-    from dmfc.prediction.card import model_card
     from dmfc.network.checkpoint import load_alone
+    from dmfc.prediction.card import model_card
 
     load_alone(stage)
     size = (stage / WEIGHTS).stat().st_size / 1e6

@@ -13,16 +13,16 @@ from dmfc.config.execution import ExecutionConfig
 from dmfc.config.hand import HandConfig
 from dmfc.errors import DmfcError, unknown_name
 from dmfc.geometry.compiled import with_compiled_loops
+from dmfc.geometry.points import choose
 from dmfc.geometry.transforms import transform
 from dmfc.hand.description import load_description
+from dmfc.network.checkpoint import load_alone
+from dmfc.network.inference import predict
 from dmfc.network.model import DmfcGraspNet
 from dmfc.prediction.checks import CheckedCloud, check_cloud, require_points
 from dmfc.prediction.models import model_folder
 from dmfc.prediction.ranked import RankedGrasps
 from dmfc.prediction.table_plane import find_table
-from dmfc.scenes.augment import choose
-from dmfc.network.inference import predict
-from dmfc.network.checkpoint import load_alone
 
 if TYPE_CHECKING:
     from dmfc.prediction.cloud_check import CloudCheck

@@ -9,14 +9,14 @@ from typing import Any
 from rich.console import Console, Group, RenderableType
 from rich.table import Table
 
-from dmfc.report.collect import TRIALS
-from dmfc.report.rates import Rate
 from dmfc.engine.context import read_progress
-from dmfc.engine.kinds import KINDS, Registry
+from dmfc.engine.kinds import Registry
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.stage import Stage
 from dmfc.engine.watch import Progress, duration
 from dmfc.engine.worker import Job, Outcome
+from dmfc.report.collect import TRIALS
+from dmfc.report.rates import Rate
 
 LINES = 30
 """Cells shown at once: those at work first."""
@@ -42,7 +42,7 @@ class Board(Progress):
         ledger: Ledger,
         console: Console,
         sweeps: Sequence[Mapping[str, Any]],
-        kinds: Registry = KINDS,
+        kinds: Registry,
     ) -> None:
         super().__init__(ledger, console, kinds)
         self._lines = [

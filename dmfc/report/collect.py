@@ -9,13 +9,13 @@ from typing import Any
 
 import pandas as pd
 
+from dmfc.engine.ledger import Ledger
 from dmfc.errors import DmfcError, unknown_name
+from dmfc.files.atomic import write_json
 from dmfc.report.formats import to_csv, to_json, to_latex, to_markdown
 from dmfc.report.rates import concatenate
 from dmfc.report.table import CellRows, SweepTable, make_table
 from dmfc.report.trials import SearchTrial, read_trials, trials_to_csv
-from dmfc.engine.context import write_json
-from dmfc.engine.ledger import Ledger
 
 TRIALS = "trials.parquet"
 

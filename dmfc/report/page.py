@@ -12,6 +12,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from dmfc.engine.ledger import Ledger
+from dmfc.engine.provenance import VECTOR_FLAGS, read_provenance
+from dmfc.engine.stage import differences
+from dmfc.engine.state import read_state
 from dmfc.errors import DmfcError
 from dmfc.report.curves import draw_curves
 from dmfc.report.failures import draw_failures
@@ -22,10 +26,6 @@ from dmfc.report.rates import CONFIDENCE, Rate, concatenate
 from dmfc.report.table import NAMES, CellRows, SweepTable, TableRow
 from dmfc.report.trial_figure import draw_trials
 from dmfc.report.trials import trial_lines
-from dmfc.engine.ledger import Ledger
-from dmfc.engine.provenance import VECTOR_FLAGS, read_provenance
-from dmfc.engine.stage import differences
-from dmfc.engine.state import read_state
 
 PAGE = "table.html"
 MARKER = "tracked.json"

@@ -52,14 +52,6 @@ def kept_points(config: SensorConfig, count: int, generator: np.random.Generator
     return np.concatenate([kept, generator.choice(kept, lost)])
 
 
-def choose(available: int, count: int, generator: np.random.Generator) -> np.ndarray:
-    """`count` of `available` indices in random order; all of them, then repeats, if too few."""
-    if available >= count:
-        return generator.choice(available, count, replace=False)
-    repeats = generator.choice(available, count - available)
-    return generator.permutation(np.concatenate([np.arange(available), repeats]))
-
-
 def random_motion(config: AugmentationConfig, generator: np.random.Generator) -> np.ndarray:
     """T_new_world [4, 4]: a turn about the vertical through the table centre, and a shift."""
     yaw = generator.uniform(-np.pi, np.pi) if config.yaw else 0.0

@@ -13,10 +13,10 @@ from scipy.spatial import ConvexHull, cKDTree
 
 from dmfc.config.scenes import ScenesConfig
 from dmfc.errors import DmfcError
+from dmfc.geometry.points import choose
 from dmfc.objects.sources import UNITS
-from dmfc.scenes.augment import choose
-from dmfc.sensing.cameras import table_cameras
 from dmfc.scenes.scene_set import Scene, write_shard
+from dmfc.sensing.cameras import table_cameras
 
 _NEIGHBOURS = 16
 """Points whose plane gives a normal."""

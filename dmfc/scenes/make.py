@@ -15,14 +15,14 @@ from dmfc.grasps.grasp_set import GraspSet
 from dmfc.hand.model import HandModel
 from dmfc.objects.model import ObjectModel
 from dmfc.scenes.augment import kept_points, sensor_errors
-from dmfc.sensing.cameras import table_cameras
-from dmfc.sensing.cloud import Cloud, fuse_views, surface
-from dmfc.sensing.depth import encode, object_pixels
 from dmfc.scenes.labels import REASONS, HandAtGrasps, Labels, surviving_labels
 from dmfc.scenes.layout import choose_objects, make_layout
 from dmfc.scenes.placement import CollisionWorld
-from dmfc.sensing.render import Renderer, View, open_renderer
 from dmfc.scenes.scene_set import Scene, write_shard
+from dmfc.sensing.cameras import table_cameras
+from dmfc.sensing.cloud import Cloud, fuse_views, surface
+from dmfc.sensing.depth import encode, object_pixels
+from dmfc.sensing.render import Renderer, View, open_renderer
 
 Which = Literal["train", "test"]
 Progress = Callable[[float, str], None]

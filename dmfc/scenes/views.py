@@ -6,10 +6,10 @@ from collections.abc import Mapping
 
 from dmfc.config.scenes import ScenesConfig
 from dmfc.objects.model import ObjectModel
+from dmfc.scenes.scene_set import Scene
 from dmfc.sensing.cameras import table_cameras
 from dmfc.sensing.depth import decode, views_of
 from dmfc.sensing.render import View, open_renderer
-from dmfc.scenes.scene_set import Scene
 
 
 def scene_views(

@@ -10,8 +10,8 @@ import numpy as np
 
 from dmfc.errors import DmfcError
 from dmfc.geometry import transforms
+from dmfc.geometry.points import choose
 from dmfc.objects.model import ObjectModel
-from dmfc.scenes.augment import choose
 from dmfc.sensing.cameras import Camera
 from dmfc.sensing.depth import ObjectPixels, object_pixels
 from dmfc.sensing.render import View

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from dmfc.config.schema import Config
-from dmfc.engine.context import write_json
-from dmfc.pipeline.graph import CellStages, GraphBuilder
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.stage import Stage, closure, plain
+from dmfc.files.atomic import write_json
+from dmfc.pipeline.graph import CellStages, GraphBuilder
 from dmfc.sweep.sweep_file import Cell, Sweep, cell_config
 
 

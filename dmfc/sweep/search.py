@@ -22,8 +22,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from dmfc.config.validation import MEASURES
-from dmfc.errors import DmfcError, unknown_name
 from dmfc.engine.ledger import Ledger
+from dmfc.errors import DmfcError, unknown_name
 from dmfc.sweep.yaml_checks import mapping, only_keys
 
 DIGITS = 4

@@ -7,12 +7,12 @@ import json
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
+from dmfc.engine.ledger import Ledger
+from dmfc.engine.stage import plain
 from dmfc.errors import DmfcError
 from dmfc.pipeline.graph import GraphBuilder
-from dmfc.engine.ledger import Ledger
 from dmfc.sweep.plan import CellPlan, SweepPlan, plan_cell
 from dmfc.sweep.search import Settings, objective_of, suggest
-from dmfc.engine.stage import plain
 from dmfc.sweep.sweep_file import BEST, Cell, Sweep, cell_config
 
 

@@ -13,15 +13,15 @@ from typing import Any
 
 import yaml
 
+from dmfc.engine.context import read_attempt, read_progress
+from dmfc.engine.ledger import Ledger
+from dmfc.engine.state import SweepState
+from dmfc.engine.system import SAMPLES, read_lines
 from dmfc.errors import DmfcError
 from dmfc.report.collect import cell_rows
 from dmfc.report.rates import rates
 from dmfc.report.table import NAMES
-from dmfc.engine.context import read_attempt, read_progress
-from dmfc.engine.ledger import Ledger
 from dmfc.sweep.search import METRICS, objective_of
-from dmfc.engine.state import SweepState
-from dmfc.engine.system import SAMPLES, read_lines
 
 PARAM_LENGTH = 250
 """MLflow cuts longer values; the whole of them is in config.yaml."""

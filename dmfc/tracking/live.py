@@ -14,8 +14,8 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from dmfc.errors import DmfcError
 from dmfc.engine.ledger import Ledger
+from dmfc.errors import DmfcError
 
 END_SECONDS = 120.0
 """Time that the driver waits for the last update."""

@@ -15,14 +15,14 @@ from typing import TYPE_CHECKING, Any
 
 from filelock import FileLock, Timeout
 
-from dmfc.errors import DmfcError
-from dmfc.report.collect import list_sweeps, read_sweep, table_of
-from dmfc.report.page import MARKER
-from dmfc.report.table import NAMES, SweepTable
-from dmfc.engine.context import write_json
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.provenance import PROVENANCE, VECTOR_FLAGS, read_provenance
 from dmfc.engine.state import SweepState, read_state
+from dmfc.errors import DmfcError
+from dmfc.files.atomic import write_json
+from dmfc.report.collect import list_sweeps, read_sweep, table_of
+from dmfc.report.page import MARKER
+from dmfc.report.table import NAMES, SweepTable
 from dmfc.tracking.cell import ENDED, CellContent, Point, cell_content
 from dmfc.tracking.registry import register_best
 from dmfc.tracking.store import tracking_uri

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from dmfc.report.table import SweepTable
 from dmfc.engine.ledger import Ledger
+from dmfc.report.table import SweepTable
 
 if TYPE_CHECKING:
     from mlflow.tracking import MlflowClient

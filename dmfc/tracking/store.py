@@ -7,8 +7,8 @@ import urllib.error
 import urllib.request
 from pathlib import Path
 
-from dmfc.errors import DmfcError
 from dmfc.engine.ledger import Ledger
+from dmfc.errors import DmfcError
 
 EXPERIMENT = "dmfc"
 ATTEMPTS, ATTEMPT_SECONDS = 3, 10.0

@@ -13,8 +13,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from dmfc.errors import DmfcError
 from dmfc.engine.ledger import Ledger
+from dmfc.errors import DmfcError
 from dmfc.tracking.store import artifact_root, database, tracking_uri
 
 HOST = "127.0.0.1"

@@ -17,14 +17,14 @@ from torch.utils.data import DataLoader, Dataset, Sampler
 from dmfc.config.scenes import AugmentationConfig, CameraConfig, MatchingConfig, ScenesConfig
 from dmfc.errors import DmfcError
 from dmfc.geometry import transforms
-from dmfc.geometry.points import farthest_points
+from dmfc.geometry.points import choose, farthest_points
 from dmfc.grasps.grasp_set import GraspSet
-from dmfc.scenes.augment import choose, kept_points, random_motion, sensor_errors
-from dmfc.sensing.cameras import table_cameras
-from dmfc.scenes.scene_grasps import grasps_in_scene
-from dmfc.sensing.depth import decode
+from dmfc.scenes.augment import kept_points, random_motion, sensor_errors
 from dmfc.scenes.matching import match_grasps
+from dmfc.scenes.scene_grasps import grasps_in_scene
 from dmfc.scenes.scene_set import Scene, SceneSet
+from dmfc.sensing.cameras import table_cameras
+from dmfc.sensing.depth import decode
 
 _AUGMENT, _SHUFFLE = range(2)  # independent random streams of one seed
 

@@ -20,13 +20,13 @@ from safetensors.torch import save_file
 
 from dmfc.errors import DmfcError
 from dmfc.hand.model import HandModel
+from dmfc.network.checkpoint import CONFIG, METRICS, SUMMARY, WEIGHTS, load_weights, new_network
 from dmfc.objects.atlas import ObjectAtlas
 from dmfc.training.failure import Failure
 from dmfc.training.module import GraspTraining
 from dmfc.training.settings import FitConfig
 from dmfc.training.task import Stage, Task
 from dmfc.training.validation import Validation
-from dmfc.network.checkpoint import CONFIG, METRICS, SUMMARY, WEIGHTS, load_weights, new_network
 
 VERSION = 1
 CHECKPOINT = "last.ckpt"

@@ -13,13 +13,13 @@ from omegaconf.errors import OmegaConfBaseException
 
 from dmfc.errors import DmfcError
 from dmfc.hand.model import HandModel
+from dmfc.network.checkpoint import new_network
 from dmfc.objects.atlas import ObjectAtlas
 from dmfc.training.candidates import Batch
 from dmfc.training.failure import Failure
 from dmfc.training.module import GraspTraining
 from dmfc.training.settings import FitConfig
 from dmfc.training.task import Stage, Task
-from dmfc.network.checkpoint import new_network
 
 
 def replay(

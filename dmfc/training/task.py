@@ -12,10 +12,10 @@ from torch import Tensor
 from dmfc.config.losses import LossConfig, LossWeights
 from dmfc.errors import DmfcError
 from dmfc.hand.model import HandModel
-from dmfc.objects.atlas import ObjectAtlas, SceneObjects
 from dmfc.losses.custom import term_name
 from dmfc.losses.task import SceneTerms, active_terms, weighted_sum
 from dmfc.network.model import Prediction
+from dmfc.objects.atlas import ObjectAtlas, SceneObjects
 from dmfc.training.candidates import Batch, Candidates
 
 Stage = Literal["pretrain", "finetune"]

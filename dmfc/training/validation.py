@@ -15,11 +15,11 @@ from dmfc.geometry.rotations import geodesic_angle
 from dmfc.geometry.transforms import transform
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.model import HandModel
-from dmfc.objects.atlas import ObjectAtlas, SceneObjects
 from dmfc.losses.q1 import grasp_contacts, q1_of_contacts
 from dmfc.losses.q1_lower import q1_lower_of_contacts
 from dmfc.losses.task import TERMS, SceneTerms
 from dmfc.network.model import Prediction
+from dmfc.objects.atlas import ObjectAtlas, SceneObjects
 from dmfc.training.candidates import Batch, Candidates
 from dmfc.training.measures import label_errors
 

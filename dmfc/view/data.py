@@ -13,13 +13,13 @@ import torch
 
 from dmfc.execution.candidates import GraspCandidates
 from dmfc.geometry.transforms import transform
-from dmfc.visualization.glyph import palm_glyphs
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.model import HandModel
 from dmfc.objects.model import ObjectModel
 from dmfc.prediction.planner import upright
 from dmfc.prediction.ranked import RankedGrasps
 from dmfc.scenes.scene_set import Scene
+from dmfc.visualization.glyph import palm_glyphs
 
 POINTS = 20_000
 """Points of a larger cloud that are shown, picked evenly."""
@@ -56,7 +56,7 @@ class GraspField:
     """G grasps, the most confident first."""
 
     glyphs: np.ndarray
-    """[G, 3, 3] a polyline each (`dmfc.visualization.glyph`), its wrist at most `STEM` from its centre."""
+    """[G, 3, 3] a polyline each (`dmfc.visualization.glyph`), wrist within `STEM` of its centre."""
     confidence: np.ndarray
     """[G]."""
     T_world_link: np.ndarray

@@ -13,8 +13,8 @@ from dmfc.geometry.points import farthest_points
 from dmfc.grasps.grasp_set import GraspSet
 from dmfc.hand.description import HandDescription
 from dmfc.objects.model import ObjectModel
-from dmfc.visualization.simulation import Camera, strip
 from dmfc.physics.world import World
+from dmfc.visualization.simulation import Camera, strip
 
 
 def contact_sheet(

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 from dmfc.hand.description import load_description
-from dmfc.visualization.glyph import palm_glyphs
 from dmfc.prediction.ranked import RankedGrasps
+from dmfc.visualization.glyph import palm_glyphs
 
 
 def grasp_picture(grasps: RankedGrasps, points: np.ndarray, path: Path, best: int = 5) -> None:

@@ -19,11 +19,11 @@ from dmfc.geometry.points import farthest_points
 from dmfc.geometry.transforms import transform
 from dmfc.grasps.grasp_set import GraspSet
 from dmfc.hand.model import HandModel
-from dmfc.scenes.scene_grasps import SceneGrasps, grasps_in_scene
-from dmfc.visualization.drawing import Pieces, bounds, cloud_pieces, draw, hand_pieces
 from dmfc.scenes.matching import match_grasps
-from dmfc.sensing.render import View
+from dmfc.scenes.scene_grasps import SceneGrasps, grasps_in_scene
 from dmfc.scenes.scene_set import Scene
+from dmfc.sensing.render import View
+from dmfc.visualization.drawing import Pieces, bounds, cloud_pieces, draw, hand_pieces
 
 COLOURS = ["#4269d0", "#efb118", "#ff725c", "#3ca951", "#a463f2", "#97bbf5", "#9c6b4e"]
 _GREY, _POSITIVE, _HAND = "#c8c8c8", "#d62728", "#e3c9ad"

@@ -11,8 +11,8 @@ from PIL import Image
 from dmfc.execution.candidates import GraspCandidates
 from dmfc.execution.outcome import Outcome
 from dmfc.execution.trial import LOOK, TrialRunner
-from dmfc.visualization.simulation import Camera, strip
 from dmfc.physics.world import World
+from dmfc.visualization.simulation import Camera, strip
 
 Moments = dict[tuple[str, int], str]
 """(phase, number of the look in it) -> what a frame taken then is called."""

@@ -18,11 +18,12 @@ import pytest
 from mujoco.rollout import Rollout
 
 from dmfc.config.load import load_config
+from dmfc.engine.engine import run_stages
+from dmfc.engine.ledger import Ledger
 from dmfc.execution.evaluate import TRIALS, evaluate_shard
 from dmfc.execution.trial import TrialRunner
-from dmfc.engine.engine import run_stages
 from dmfc.pipeline.graph import GraphBuilder
-from dmfc.engine.ledger import Ledger
+from dmfc.pipeline.kinds import KINDS
 from dmfc.pipeline.replay import input_folders
 from dmfc.pipeline.selection import list_refs
 from dmfc.pipeline.stages import evaluation_of
@@ -97,7 +98,8 @@ def hundred(tmp_path_factory, shadow_hand_dir) -> SimpleNamespace:
     """The evaluation's shards, and a ledger with all that they need."""
     config, ledger = load_config("quick", HUNDRED), Ledger(tmp_path_factory.mktemp("store"))
     shards = GraphBuilder(list_refs).cell(config, "planner", "planner", None).evaluations
-    inputs = run_stages([needed for shard in shards for needed in shard.parents], ledger, config)
+    needed = [stage for shard in shards for stage in shard.parents]
+    inputs = run_stages(needed, ledger, config, KINDS)
     assert all(outcome.ok for outcome in inputs.values())
     return SimpleNamespace(config=config, ledger=ledger, shards=shards)
 

@@ -10,8 +10,8 @@ import torch
 
 from dmfc.config.network import NetworkConfig
 from dmfc.geometry.points import farthest_points
-from dmfc.network.model import DmfcGraspNet
 from dmfc.network.inference import predict
+from dmfc.network.model import DmfcGraspNet
 from tests.benchmarks.compare import Compare
 from tests.benchmarks.reference import ReferenceNet
 from tests.benchmarks.workload import surface_cloud

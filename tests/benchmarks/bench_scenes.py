@@ -26,9 +26,9 @@ from dmfc.hand.build import build_hand
 from dmfc.objects.model import ObjectModel
 from dmfc.objects.prepare import prepare_to
 from dmfc.objects.sources import list_objects
-from dmfc.training.data import SceneData
 from dmfc.scenes.make import SceneMaker, make_scene_file
 from dmfc.scenes.scene_set import SceneSet
+from dmfc.training.data import SceneData
 
 SCENES = 100
 CONFIG = ScenesConfig(train=SceneSetConfig(kind="multi", count=2 * SCENES))

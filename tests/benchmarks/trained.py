@@ -7,19 +7,19 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from dmfc.config.schema import Config
+from dmfc.engine.ledger import Ledger
 from dmfc.grasps.grasp_set import GraspSet
 from dmfc.hand.model import HandModel
-from dmfc.objects.atlas import ObjectAtlas
+from dmfc.network.checkpoint import load_network
 from dmfc.network.model import DmfcGraspNet
-from dmfc.training.data import SceneDataset, collate
-from dmfc.scenes.scene_set import SceneSet
+from dmfc.objects.atlas import ObjectAtlas
 from dmfc.pipeline.graph import GraphBuilder
-from dmfc.engine.ledger import Ledger
 from dmfc.pipeline.replay import input_folders
 from dmfc.pipeline.selection import list_refs
 from dmfc.pipeline.stages import GRASPS, SCENES, present, training_geometry
+from dmfc.scenes.scene_set import SceneSet
 from dmfc.training.candidates import Batch
-from dmfc.network.checkpoint import load_network
+from dmfc.training.data import SceneDataset, collate
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,10 @@ python chaos_driver.py STORE SWEEP.yaml RAY_ADDRESS
 import sys
 from pathlib import Path
 
-from dmfc.experiment.drive import drive
-from dmfc.engine import kinds
-from dmfc.pipeline.graph import GraphBuilder
 from dmfc.engine.ledger import Ledger
+from dmfc.experiment.drive import drive
+from dmfc.pipeline import kinds
+from dmfc.pipeline.graph import GraphBuilder
 from dmfc.sweep.plan import plan_sweep
 from dmfc.sweep.sweep_file import load_sweep
 from tests.chaos.chaos_science import CHAOS, fake_refs

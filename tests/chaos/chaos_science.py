@@ -11,11 +11,11 @@ import time
 
 import ray
 
-from dmfc.engine.context import write_json
 from dmfc.engine.ledger import Ledger
+from dmfc.files.atomic import write_json
+from tests.chaos.two_nodes import HELD
 from tests.support import fake_science
 from tests.support.fake_science import FAKES, fake_refs, grasps, hand, object, scenes
-from tests.chaos.two_nodes import HELD
 
 __all__ = ["CHAOS", "fake_refs", "grasps", "hand", "object", "scenes"]
 CHAOS = {

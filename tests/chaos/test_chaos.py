@@ -16,17 +16,17 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from dmfc.engine.engine import run_stages
+from dmfc.engine.ledger import Ledger
+from dmfc.engine.state import read_state
+from dmfc.engine.system import read_lines
+from dmfc.pipeline.graph import GraphBuilder
 from dmfc.report.collect import collect, read_sweep
 from dmfc.report.rates import concatenate
-from dmfc.engine.engine import run_stages
-from dmfc.pipeline.graph import GraphBuilder
-from dmfc.engine.ledger import Ledger
 from dmfc.sweep.plan import plan_sweep
-from dmfc.engine.state import read_state
 from dmfc.sweep.sweep_file import load_sweep
-from dmfc.engine.system import read_lines
-from tests.support.fake_science import FAKES, fake_refs
 from tests.chaos.two_nodes import HELD, TwoNodes
+from tests.support.fake_science import FAKES, fake_refs
 
 pytestmark = pytest.mark.full
 HERE = Path(__file__).resolve().parent

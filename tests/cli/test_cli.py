@@ -15,15 +15,15 @@ from pathlib import Path
 
 import pytest
 
-from dmfc import cli
+from dmfc.cli import main as cli
 from dmfc.config.load import shipped_names
-from dmfc.pipeline import selection
-from dmfc.engine.kinds import KINDS
 from dmfc.engine.pools import LocalPool
 from dmfc.engine.state import read_state
+from dmfc.pipeline import selection
+from dmfc.pipeline.kinds import KINDS
 from tests.support.fake_science import FAKES, fake_refs
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 
 
 VERBS = [
@@ -264,9 +264,9 @@ def test_ctrl_c_prints_the_line_that_resumes(tmp_path):
     """A real process and a real signal, between two slow stages."""
     code = (
         "import sys\n"
-        "from tests.sweep import trivial_graph\n"
-        "from dmfc import cli_common, cli\n"
-        "from dmfc.sweep import engine, pools\n"
+        "from tests.support import trivial_graph\n"
+        "from dmfc.experiment import console, session\n"
+        "from dmfc.engine import engine, pools\n"
         "from dmfc.engine.ledger import Ledger\n"
         "from dmfc.config.schema import Config\n"
         "from pathlib import Path\n"
@@ -275,8 +275,8 @@ def test_ctrl_c_prints_the_line_that_resumes(tmp_path):
         "sys.argv = ['dmfc', 'sweep', 'my sweep.yaml']\n"
         "from dmfc.engine.watch import Progress\n"
         f"ledger = Ledger(Path({str(tmp_path)!r}))\n"
-        "watcher = Progress(ledger, cli_common.stderr(), trivial_graph.TRIVIAL)\n"
-        "cli_common.run_shown(stages, ledger, Config(), watcher)\n"
+        "watcher = Progress(ledger, console.stderr(), trivial_graph.TRIVIAL)\n"
+        "session.run_shown(stages, ledger, Config(), watcher)\n"
     )
     process = subprocess.Popen(
         [sys.executable, "-c", code],
@@ -297,7 +297,7 @@ def test_ctrl_c_prints_the_line_that_resumes(tmp_path):
 
 @pytest.mark.parametrize(
     ("where", "state"),
-    [("sweep.engine.RayPool", "KILLED"), ("tracking.project.project_sweep", "FINISHED")],
+    [("engine.engine.RayPool", "KILLED"), ("tracking.project.project_sweep", "FINISHED")],
 )
 def test_ctrl_c_at_the_start_and_at_the_end_prints_it_too(
     dmfc, no_science, tmp_path, monkeypatch, where, state

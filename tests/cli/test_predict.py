@@ -16,7 +16,7 @@ from dmfc.prediction.cloud_check import CloudCheck
 from dmfc.prediction.planner import load
 from tests.support import clouds
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 HEAVY = ("mujoco", "ray", "mlflow", "lightning", "pandas", "coacd", "pytorch_kinematics")
 
 

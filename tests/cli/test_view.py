@@ -20,7 +20,7 @@ import pytest
 
 from tests.support import clouds
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 PATIENCE = 300
 
 

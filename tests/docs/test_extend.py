@@ -9,8 +9,8 @@ import torch
 from dmfc.config.hand import HandConfig
 from dmfc.config.losses import LossConfig
 from dmfc.hand.build import build_hand
-from dmfc.objects.atlas import ObjectAtlas, SceneObjects
 from dmfc.losses.task import SceneTerms
+from dmfc.objects.atlas import ObjectAtlas, SceneObjects
 from dmfc.objects.sources import list_objects
 from dmfc.sweep.sweep_file import cell_config, load_sweep
 from tests.support.pages import run, write_files

@@ -17,12 +17,13 @@ import pytest
 from dmfc.config.load import load_config
 from dmfc.engine.context import read_progress
 from dmfc.engine.engine import run_stages, unfinished
-from dmfc.pipeline.graph import GraphBuilder
-from dmfc.engine.kinds import KINDS, StageKind, registry
+from dmfc.engine.kinds import StageKind, registry
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.stage import Stage
 from dmfc.engine.store import prunable, prune
 from dmfc.engine.worker import ERROR_LOG
+from dmfc.pipeline.graph import GraphBuilder
+from dmfc.pipeline.kinds import KINDS
 from tests.support.fake_science import FAKES, fake_refs
 from tests.support.trivial_graph import TRIVIAL, trivial
 

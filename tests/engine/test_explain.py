@@ -7,8 +7,8 @@ import pytest
 from dmfc.config.load import load_config
 from dmfc.engine.engine import run_stages
 from dmfc.engine.explain import reasons
-from dmfc.pipeline.graph import GraphBuilder
 from dmfc.engine.stage import closure
+from dmfc.pipeline.graph import GraphBuilder
 from tests.support.fake_science import FAKES, fake_refs
 
 

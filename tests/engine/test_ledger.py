@@ -11,9 +11,9 @@ from dmfc.config.load import build_config
 from dmfc.config.plain_yaml import parse_yaml
 from dmfc.config.schema import Config
 from dmfc.config.setting import setting
-from dmfc.errors import DmfcError
 from dmfc.engine.ledger import RECORD, RECORD_VERSION, Ledger
 from dmfc.engine.stage import Stage, closure, differences, plain
+from dmfc.errors import DmfcError
 from tests.support.trivial_graph import trivial
 
 

@@ -3,8 +3,8 @@
 import pytest
 
 from dmfc.config.sweep import RunConfig
-from dmfc.errors import DmfcError
 from dmfc.engine.pools import START_TRIES, start_ray
+from dmfc.errors import DmfcError
 
 
 @pytest.fixture

@@ -6,14 +6,14 @@ import tarfile
 
 import pytest
 
-from dmfc.errors import DmfcError
 from dmfc.engine.archive import export, export_to, fetched, take_in
 from dmfc.engine.engine import run_stages
-from dmfc.pipeline.graph import GraphBuilder
 from dmfc.engine.ledger import Ledger
-from dmfc.sweep.plan import plan_sweep
 from dmfc.engine.stage import closure
 from dmfc.engine.store import entries, find, prunable, prune, referred, verify
+from dmfc.errors import DmfcError
+from dmfc.pipeline.graph import GraphBuilder
+from dmfc.sweep.plan import plan_sweep
 from dmfc.sweep.sweep_file import load_sweep
 from tests.support.fake_science import FAKES, fake_refs
 from tests.support.trivial_graph import TRIVIAL, trivial

@@ -12,8 +12,8 @@ from dmfc.execution.evaluate import Evaluation
 from dmfc.hand.description import HandDescription
 from dmfc.hand.model import HandModel
 from dmfc.scenes.scene_set import SceneSet, write_shard
-from tests.support.execution_shapes import good, scene_of, standing
 from tests.support import grasp_shapes
+from tests.support.execution_shapes import good, scene_of, standing
 from tests.support.grasp_shapes import planned, shape
 
 

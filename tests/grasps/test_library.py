@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from dmfc.errors import DmfcError
-from dmfc.grasps.grasp_set import GraspSet
-from dmfc.grasps.library import file_digest, file_name, library_file, library_folder
 from dmfc.engine.context import StageContext
+from dmfc.errors import DmfcError
+from dmfc.files.digest import file_digest
+from dmfc.grasps.grasp_set import GraspSet
+from dmfc.grasps.library import file_name, library_file, library_folder
 from dmfc.pipeline.stages import GRASPS, plan_grasps
 
 

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from dmfc import cli
-from dmfc.pipeline import selection
-from dmfc.engine.kinds import KINDS
+from dmfc.cli import main as cli
 from dmfc.engine.pools import LocalPool
+from dmfc.pipeline import selection
+from dmfc.pipeline.kinds import KINDS
 from tests.support.plan_stages import PLANNING, refs, shapes
 
 ROOT = Path(__file__).resolve().parents[2]

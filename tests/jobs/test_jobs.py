@@ -15,7 +15,8 @@ from packaging.requirements import Requirement
 from ray.scripts import scripts as ray_cli
 from typer.testing import CliRunner
 
-from dmfc import cli, cli_sweep
+from dmfc.cli import main as cli
+from dmfc.cli import sweep as cli_sweep
 from dmfc.pipeline import selection
 from tests.support.fake_science import fake_refs
 

@@ -9,9 +9,9 @@ import torch
 from dmfc.geometry.transforms import apply, inverse
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.model import HandModel
-from dmfc.objects.atlas import SceneObjects
 from dmfc.losses.collision import SelfCollision, collision, object_penetration, table_penetration
 from dmfc.losses.guidance import guidance
+from dmfc.objects.atlas import SceneObjects
 from tests.support.loss_shapes import BALL, ball_distance, box_distance, slope
 
 

@@ -12,8 +12,8 @@ from dmfc.errors import DmfcError
 from dmfc.geometry.transforms import transform
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.model import HandModel
-from dmfc.objects.atlas import SceneObjects
 from dmfc.losses.task import SceneTerms
+from dmfc.objects.atlas import SceneObjects
 from tests.losses.test_loss_task import grasps
 
 FILE = """

@@ -11,8 +11,8 @@ import torch
 from scipy.spatial import ConvexHull
 
 from dmfc.config.losses import Q1Config
-from dmfc.objects.atlas import SceneObjects
 from dmfc.losses.q1 import _critical, cone_support, lattice_directions, q1_of_contacts, q1_upper
+from dmfc.objects.atlas import SceneObjects
 from tests.support.loss_shapes import slope
 
 # Torques of 10 cm arms count as forces do: the hull is round enough for qhull.

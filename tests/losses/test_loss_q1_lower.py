@@ -12,8 +12,8 @@ import torch
 from dmfc.config.losses import Q1Config, Q1LowerConfig
 from dmfc.losses.q1 import lattice_directions, q1_of_contacts
 from dmfc.losses.q1_lower import q1_lower_of_contacts
-from tests.support.loss_shapes import slope
 from tests.losses.test_loss_q1 import ROUND, contacts, exact_q1, wrenches
+from tests.support.loss_shapes import slope
 
 TIGHT = Q1LowerConfig(contacts=0, edges=8)
 COARSE = Q1LowerConfig(contacts=6, edges=3)

@@ -10,9 +10,9 @@ from dmfc.config.losses import LengthUnits, LossConfig, LossWeights, Q1Config
 from dmfc.errors import DmfcError
 from dmfc.geometry.rotations import matrix_from_6d, random_rotations, sixd_from_matrix
 from dmfc.hand.model import HandModel
-from dmfc.objects.atlas import SceneObjects
 from dmfc.losses.clamp import clamp_joints
 from dmfc.losses.task import SceneTerms, active_terms, weighted_sum
+from dmfc.objects.atlas import SceneObjects
 from tests.support.loss_shapes import slope
 
 ALL = ("collision", "guidance", "q1_upper", "q1_lower")

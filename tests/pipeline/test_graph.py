@@ -4,14 +4,15 @@ from collections import Counter
 
 import pytest
 
-from dmfc.config.load import load_config
 from dmfc.config.custom_function import own_function
-from dmfc.errors import DmfcError
-from dmfc.grasps.library import file_digest, library_file
-from dmfc.pipeline.graph import GraphBuilder, ObjectRef, without
-from dmfc.sweep.plan import plan_sweep
+from dmfc.config.load import load_config
 from dmfc.engine.stage import closure
+from dmfc.errors import DmfcError
+from dmfc.files.digest import file_digest
+from dmfc.grasps.library import library_file
+from dmfc.pipeline.graph import GraphBuilder, ObjectRef, without
 from dmfc.pipeline.stages import check_own_losses
+from dmfc.sweep.plan import plan_sweep
 from dmfc.sweep.sweep_file import load_sweep
 from tests.support.fake_science import fake_refs
 

@@ -6,10 +6,11 @@ import pandas as pd
 import pytest
 
 from dmfc.config.load import load_config
-from dmfc.execution.evaluate import DIVERSITY, TRIALS
 from dmfc.engine.engine import run_stages
-from dmfc.pipeline.graph import GraphBuilder
 from dmfc.engine.ledger import Ledger
+from dmfc.execution.evaluate import DIVERSITY, TRIALS
+from dmfc.pipeline.graph import GraphBuilder
+from dmfc.pipeline.kinds import KINDS
 from dmfc.pipeline.selection import list_refs
 from tests.support.dying_stages import DYING, killed_mark
 
@@ -28,7 +29,7 @@ def test_rows_of_one_worker_and_of_two_that_are_killed(tmp_path, shadow_hand_dir
     shards = GraphBuilder(list_refs).cell(config, "planner", "planner", None).evaluations
     assert len(shards) == 2
     one, two = Ledger(tmp_path / "one"), Ledger(tmp_path / "two")
-    calm = run_stages(shards, one, config, local=True)
+    calm = run_stages(shards, one, config, KINDS, local=True)
     assert {outcome.status for outcome in calm.values()} == {"ran"}
     shutil.copytree(
         one.store / "stages", two.store / "stages", ignore=shutil.ignore_patterns("evaluate")

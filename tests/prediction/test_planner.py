@@ -14,11 +14,11 @@ from dmfc.config.hand import HandConfig
 from dmfc.errors import DmfcError
 from dmfc.grasps.grasp_set import GraspSet
 from dmfc.hand.build import build_hand
+from dmfc.network.checkpoint import load_alone
 from dmfc.prediction.cloud_check import CloudCheck
 from dmfc.prediction.planner import load, upright
-from dmfc.network.checkpoint import load_alone
-from tests.support import clouds
 from tests.prediction.conftest import LIMIT
+from tests.support import clouds
 from tests.support.toy import SEEDS
 
 

@@ -7,9 +7,9 @@ import pytest
 
 from dmfc.config.scenes import CameraConfig, MatchingConfig, ScenesConfig
 from dmfc.geometry.points import farthest_points
-from dmfc.scenes.scene_grasps import grasps_in_scene
-from dmfc.scenes.publish.label_stats import label_row, single_scenes
 from dmfc.scenes.matching import match_grasps, positive_rates
+from dmfc.scenes.publish.label_stats import label_row, single_scenes
+from dmfc.scenes.scene_grasps import grasps_in_scene
 
 
 def test_shares_are_those_of_the_seeds(objects, grasps, hand):

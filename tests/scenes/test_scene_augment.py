@@ -20,14 +20,14 @@ from dmfc.config.scenes import (
 )
 from dmfc.geometry import transforms
 from dmfc.scenes.augment import sensor_errors
-from dmfc.sensing.cameras import table_cameras
-from dmfc.scenes.scene_grasps import grasps_in_scene
-from dmfc.training.data import SceneDataset
-from dmfc.sensing.depth import decode, views_of
 from dmfc.scenes.make import SceneMaker, make_scene_file
 from dmfc.scenes.matching import match_grasps
+from dmfc.scenes.scene_grasps import grasps_in_scene
 from dmfc.scenes.scene_set import SceneSet
 from dmfc.scenes.views import scene_views
+from dmfc.sensing.cameras import table_cameras
+from dmfc.sensing.depth import decode, views_of
+from dmfc.training.data import SceneDataset
 
 CAMERAS = table_cameras(CameraConfig())
 POSITIONS = np.stack([camera.position for camera in CAMERAS])

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from dmfc import cli
 from dmfc.assets.packs import get_pack
-from dmfc.scenes.publish.published import PublishedSet
-from dmfc.pipeline import selection
-from dmfc.engine.kinds import KINDS
+from dmfc.cli import main as cli
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.pools import LocalPool
+from dmfc.pipeline import selection
+from dmfc.pipeline.kinds import KINDS
+from dmfc.scenes.publish.published import PublishedSet
 from tests.support.shape_stages import SHAPES, shape_refs
 
 SETTINGS = ("--preset", "smoke", "--set", "scenes.train.kind=multi", "--set", "scenes.test.count=3")

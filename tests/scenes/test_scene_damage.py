@@ -11,12 +11,12 @@ from pathlib import Path
 import pytest
 
 from dmfc.config.load import load_config
-from dmfc.errors import DmfcError
-from dmfc.scenes.scene_set import SceneSet, write_shard
 from dmfc.engine.engine import run_stages
-from dmfc.pipeline.graph import GraphBuilder
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.store import forget_damaged
+from dmfc.errors import DmfcError
+from dmfc.pipeline.graph import GraphBuilder
+from dmfc.scenes.scene_set import SceneSet, write_shard
 from tests.support.shape_stages import TROUBLED, shape_refs
 
 ROOT = Path(__file__).resolve().parents[2]

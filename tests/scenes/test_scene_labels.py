@@ -12,10 +12,10 @@ import trimesh
 from dmfc.config.scenes import MatchingConfig, ScenesConfig
 from dmfc.geometry import transforms
 from dmfc.hand.kinematics import HandKinematics
-from dmfc.scenes.scene_grasps import grasps_in_scene
 from dmfc.scenes.labels import HandAtGrasps, surviving_labels
 from dmfc.scenes.matching import match_grasps, positive_rates
 from dmfc.scenes.publish.stats import scene_stats, stats_rows
+from dmfc.scenes.scene_grasps import grasps_in_scene
 from tests.support import scene_shapes
 
 

@@ -14,12 +14,12 @@ from dmfc.assets.packs import get_pack
 from dmfc.config.network import NetworkConfig
 from dmfc.config.scenes import CameraConfig, MatchingConfig, ScenesConfig
 from dmfc.errors import DmfcError
-from dmfc.training.data import SceneDataset, collate
-from dmfc.scenes.make import make_shard
-from dmfc.scenes.custom import cloud_scene, import_clouds, read_cloud
-from dmfc.scenes.publish.published import PublishedSet, packs_of, publish
-from dmfc.network.inference import predict
 from dmfc.network.checkpoint import new_network
+from dmfc.network.inference import predict
+from dmfc.scenes.custom import cloud_scene, import_clouds, read_cloud
+from dmfc.scenes.make import make_shard
+from dmfc.scenes.publish.published import PublishedSet, packs_of, publish
+from dmfc.training.data import SceneDataset, collate
 
 
 @pytest.fixture(scope="module")

@@ -9,9 +9,9 @@ import trimesh
 from dmfc.config.scenes import CameraConfig, ScenesConfig, SceneSetConfig
 from dmfc.errors import DmfcError
 from dmfc.geometry import transforms
+from dmfc.scenes.make import SceneMaker
 from dmfc.sensing.cameras import table_cameras
 from dmfc.sensing.cloud import fuse_views
-from dmfc.scenes.make import SceneMaker
 from dmfc.sensing.render import available_renderers, open_renderer
 from tests.support import scene_shapes
 

@@ -12,8 +12,8 @@ from dmfc.config.scenes import CameraConfig
 from dmfc.errors import DmfcError
 from dmfc.objects.sources import find_object
 from dmfc.sensing.cameras import table_cameras
-from dmfc.sensing.render import NOTHING, TABLE, available_renderers, open_renderer
 from dmfc.sensing.opengl import _scene_spec
+from dmfc.sensing.render import NOTHING, TABLE, available_renderers, open_renderer
 from tests.support import scene_shapes
 
 CAMERAS = table_cameras(CameraConfig())

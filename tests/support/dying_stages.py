@@ -7,7 +7,7 @@ import signal
 import pandas as pd
 
 from dmfc.pipeline import stages
-from dmfc.engine.kinds import KINDS
+from dmfc.pipeline.kinds import KINDS
 from tests.support import fake_science
 
 DYING = KINDS | {

@@ -10,13 +10,16 @@ import time
 import pandas as pd
 
 from dmfc.cli.evaluate import CHECKS
+from dmfc.engine.kinds import StageKind
 from dmfc.errors import DmfcError
 from dmfc.pipeline.graph import ObjectRef
-from dmfc.engine.kinds import KINDS, StageKind
+from dmfc.pipeline.kinds import KINDS
 from dmfc.pipeline.stages import present, whole
 
 FAKES = {
-    name: StageKind(name, f"tests.support.fake_science:{name}", kind.version, may_fail=kind.may_fail)
+    name: StageKind(
+        name, f"tests.support.fake_science:{name}", kind.version, may_fail=kind.may_fail
+    )
     for name, kind in KINDS.items()
 }
 

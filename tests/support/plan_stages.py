@@ -14,9 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
+from dmfc.engine.kinds import StageKind
 from dmfc.errors import DmfcError
 from dmfc.pipeline.graph import ObjectRef
-from dmfc.engine.kinds import KINDS, StageKind
+from dmfc.pipeline.kinds import KINDS
 from dmfc.pipeline.stages import whole
 from tests.support import scene_shapes
 
@@ -62,7 +63,7 @@ def grasps(ctx):
 
 def main(log: str, seconds: str, *arguments: str) -> None:
     """`dmfc ARGUMENTS` on the shapes, in this process alone."""
-    from dmfc import cli
+    from dmfc.cli import main as cli
     from dmfc.sweep import engine, pools, selection
 
     module = sys.modules.get(ENTRY) or __import__(ENTRY, fromlist=["pace"])

@@ -8,8 +8,9 @@ import signal
 import time
 from pathlib import Path
 
+from dmfc.engine.kinds import StageKind
 from dmfc.pipeline.graph import ObjectRef
-from dmfc.engine.kinds import KINDS, StageKind
+from dmfc.pipeline.kinds import KINDS
 from dmfc.pipeline.stages import make_scenes
 from tests.support import scene_shapes
 

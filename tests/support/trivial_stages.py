@@ -6,8 +6,8 @@ import signal
 import time
 from pathlib import Path
 
-from dmfc.errors import DmfcError
 from dmfc.engine.ledger import failure_in
+from dmfc.errors import DmfcError
 
 
 def add(ctx):

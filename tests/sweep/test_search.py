@@ -7,13 +7,13 @@ from statistics import mean
 
 import pytest
 
-from dmfc.experiment import drive as cli_drive
 from dmfc.config.load import shipped_file
-from dmfc.errors import DmfcError
-from dmfc.report.collect import table_of
 from dmfc.engine.engine import run_stages
-from dmfc.pipeline.graph import GraphBuilder
 from dmfc.engine.ledger import Ledger
+from dmfc.errors import DmfcError
+from dmfc.experiment import drive as cli_drive
+from dmfc.pipeline.graph import GraphBuilder
+from dmfc.report.collect import table_of
 from dmfc.sweep.plan import plan_sweep
 from dmfc.sweep.search import Range, Search, suggest
 from dmfc.sweep.sweep_file import load_sweep
@@ -193,8 +193,8 @@ def test_a_search_in_the_terminal_in_files_and_in_mlflow(driven_search, capsys):
 
 @pytest.fixture
 def driven_search(search, ledger, empty_database, monkeypatch):
-    from dmfc.engine.kinds import KINDS
     from dmfc.engine.pools import LocalPool
+    from dmfc.pipeline.kinds import KINDS
 
     for name, fake in FAKES.items():
         monkeypatch.setitem(KINDS, name, fake)

@@ -18,7 +18,13 @@ ROOT = Path(__file__).resolve().parents[2]
 def dmfc(*arguments: object) -> dict:
     """Run the command in a process of its own and read its JSON."""
     done = subprocess.run(
-        [sys.executable, "-c", "from dmfc.cli.main import main; main()", *map(str, arguments), "--json"],
+        [
+            sys.executable,
+            "-c",
+            "from dmfc.cli.main import main; main()",
+            *map(str, arguments),
+            "--json",
+        ],
         capture_output=True,
         text=True,
         env={**os.environ, "PYTHONPATH": str(ROOT)},

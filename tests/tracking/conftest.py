@@ -5,13 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from dmfc.report.collect import collect, table_of, write_table
 from dmfc.engine.engine import run_stages
-from dmfc.pipeline.graph import GraphBuilder
 from dmfc.engine.ledger import Ledger
-from dmfc.sweep.plan import plan_sweep
 from dmfc.engine.provenance import add_provenance
 from dmfc.engine.state import write_state
+from dmfc.pipeline.graph import GraphBuilder
+from dmfc.report.collect import collect, table_of, write_table
+from dmfc.sweep.plan import plan_sweep
 from dmfc.sweep.sweep_file import load_sweep
 from dmfc.tracking.store import database
 from tests.support.fake_science import FAKES, fake_refs

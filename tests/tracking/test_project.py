@@ -9,9 +9,10 @@ import pytest
 from mlflow.entities import ViewType
 from mlflow.tracking import MlflowClient
 
-from dmfc.errors import DmfcError
-from dmfc.engine.context import tell_attempt, write_json
+from dmfc.engine.context import tell_attempt
 from dmfc.engine.state import driving, read_state, write_state
+from dmfc.errors import DmfcError
+from dmfc.files.atomic import write_json
 from dmfc.tracking.project import project_stale, project_sweep, rebuild
 from dmfc.tracking.store import database
 from dmfc.tracking.ui import serve

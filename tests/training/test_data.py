@@ -15,14 +15,14 @@ from dmfc.config.scenes import AugmentationConfig, CameraConfig, MatchingConfig
 from dmfc.errors import DmfcError
 from dmfc.geometry.points import farthest_points
 from dmfc.scenes.augment import depth_noise, kept_points, random_motion
+from dmfc.scenes.make import make_shard
+from dmfc.scenes.scene_set import SceneSet
 from dmfc.training.data import (
     EpochSampler,
     SceneData,
     SceneDataset,
     collate,
 )
-from dmfc.scenes.make import make_shard
-from dmfc.scenes.scene_set import SceneSet
 
 MATCHING = MatchingConfig(mode="projected", distance=0.01)
 STILL = AugmentationConfig(shift=0.0, noise=0.0, dropped=0.0)

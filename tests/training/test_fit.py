@@ -16,13 +16,13 @@ from safetensors.torch import load_file
 from dmfc.config.losses import LossConfig, LossWeights, Q1Config
 from dmfc.config.training import StageSchedule, TrainingConfig
 from dmfc.errors import DmfcError
+from dmfc.network.checkpoint import load_network
+from dmfc.network.inference import predict
 from dmfc.training.failure import read_failure
 from dmfc.training.fit import fit
 from dmfc.training.module import TIMINGS
-from dmfc.network.inference import predict
 from dmfc.training.replay import replay
 from dmfc.training.settings import FitConfig
-from dmfc.network.checkpoint import load_network
 from tests.support.toy import NETWORK, ToyData, toy_atlas, toy_hand, toy_scene
 
 TRAINING = TrainingConfig(

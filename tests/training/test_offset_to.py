@@ -13,10 +13,10 @@ from scipy.spatial.transform import Rotation
 from dmfc.config.losses import GraspSpace
 from dmfc.config.network import NetworkConfig
 from dmfc.geometry.rotations import sixd_from_matrix
+from dmfc.network.checkpoint import new_network
 from dmfc.network.model import Prediction
 from dmfc.training.candidates import Candidates
 from dmfc.training.measures import label_errors
-from dmfc.network.checkpoint import new_network
 from tests.support.toy import NETWORK, toy_batch, toy_hand
 
 CENTRE = torch.tensor([0.01, -0.02, 0.09])

@@ -12,6 +12,7 @@ import torch
 from dmfc.config.losses import GraspSpace, LossConfig, LossWeights, Q1Config
 from dmfc.config.training import TrainingConfig
 from dmfc.geometry.rotations import matrix_from_6d, sixd_from_matrix
+from dmfc.network.checkpoint import new_network
 from dmfc.network.model import Prediction
 from dmfc.training.candidates import Candidates
 from dmfc.training.failure import Failure
@@ -19,7 +20,6 @@ from dmfc.training.measures import label_errors
 from dmfc.training.module import GraspTraining
 from dmfc.training.settings import FitConfig
 from dmfc.training.task import Task
-from dmfc.network.checkpoint import new_network
 from tests.support.toy import NETWORK, toy_atlas, toy_batch, toy_hand
 
 LOSSES = LossConfig(weights=LossWeights(1.0, 10.0, 1.0, 0.5, 1.0), q1=Q1Config(directions=64))

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import spearmanr
 
-from dmfc.report.rates import Rate, Rates
 from analysis.validation_rank import Model, correlation, draw, shared_measures
+from dmfc.report.rates import Rate, Rates
 
 
 def models(count: int = 6) -> list[Model]:

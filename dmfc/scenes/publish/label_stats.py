@@ -12,8 +12,8 @@ from dmfc.grasps.grasp_set import GraspSet
 from dmfc.hand.model import HandModel
 from dmfc.objects.model import ObjectModel
 from dmfc.scenes.make import SceneMaker
-from dmfc.scenes.scene_set import Scene
 from dmfc.scenes.publish.stats import scene_stats
+from dmfc.scenes.scene_set import Scene
 
 
 def single_scenes(

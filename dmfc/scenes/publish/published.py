@@ -21,10 +21,10 @@ import numpy as np
 from dmfc.assets.packs import list_packs
 from dmfc.config.scenes import MatchingConfig
 from dmfc.errors import DmfcError
-from dmfc.grasps.grasp_set import GraspSet
-from dmfc.scenes.scene_set import SceneSet
-from dmfc.scenes.publish.stats import scene_stats
 from dmfc.files.storage import join, read_file, write_file
+from dmfc.grasps.grasp_set import GraspSet
+from dmfc.scenes.publish.stats import scene_stats
+from dmfc.scenes.scene_set import SceneSet
 
 VERSION = 2
 KIND = "dmfc.scene_set"

@@ -12,9 +12,9 @@ import numpy as np
 from dmfc.config.scenes import MatchingConfig
 from dmfc.geometry.points import farthest_points
 from dmfc.grasps.grasp_set import GraspSet
-from dmfc.scenes.scene_grasps import grasps_in_scene
 from dmfc.scenes.labels import REASONS
 from dmfc.scenes.matching import match_grasps
+from dmfc.scenes.scene_grasps import grasps_in_scene
 from dmfc.scenes.scene_set import Scene
 
 RATED = 400

@@ -12,8 +12,8 @@ from matplotlib.image import imread
 
 from dmfc.config.scenes import MatchingConfig
 from dmfc.hand.kinematics import HandKinematics
-from dmfc.visualization import drawing
 from dmfc.scenes.make import SceneMaker
+from dmfc.visualization import drawing
 from dmfc.visualization.scenes import scene_picture
 
 

@@ -14,14 +14,14 @@ from PIL import Image
 from dmfc.config.execution import ExecutionConfig
 from dmfc.config.physics import PhysicsConfig
 from dmfc.execution.candidates import GraspCandidates, at_random
-from dmfc.visualization.dense import dense_picture, skeletons
-from dmfc.visualization.trials import STEPS, trial_strip
 from dmfc.execution.selection import select
 from dmfc.execution.trial import TrialRunner
 from dmfc.hand.mjcf import PREFIX
 from dmfc.hand.model import HandModel
 from dmfc.physics.gl import probe
 from dmfc.physics.world import World
+from dmfc.visualization.dense import dense_picture, skeletons
+from dmfc.visualization.trials import STEPS, trial_strip
 from tests.support.execution_shapes import good, scene_of, standing
 from tests.support.grasp_shapes import planned, shadow, shape
 from tests.support.physics_shapes import AWAY

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 from dmfc.config.protocol import executed
 from dmfc.config.scenes import SceneSetConfig
 from dmfc.config.schema import Config
-from dmfc.errors import DmfcError
-from dmfc.grasps.library import file_digest
 from dmfc.engine.stage import Stage, without
+from dmfc.errors import DmfcError
+from dmfc.files.digest import file_digest
 
 if TYPE_CHECKING:
     from dmfc.pipeline.graph import GraphBuilder, Inputs

@@ -1,0 +1,39 @@
+"""The kinds of stage of this project, and where the function of each one is."""
+
+from __future__ import annotations
+
+from dmfc.config.schema import Config
+from dmfc.engine.kinds import Registry, StageKind, registry
+
+
+def _training_cpus(config: Config) -> int:
+    return max(1, config.training.threads + config.training.loader_workers)
+
+
+def _training_gpus(config: Config) -> float:
+    return config.run.gpus_per_training
+
+
+KINDS: Registry = registry(
+    StageKind("hand", "dmfc.pipeline.stages:make_hand", version=1),
+    StageKind("object", "dmfc.pipeline.stages:prepare_object", version=1, may_fail=True),
+    StageKind("grasps", "dmfc.pipeline.stages:plan_grasps", version=3, may_fail=True),
+    StageKind("scenes", "dmfc.pipeline.stages:make_scenes", version=2),
+    StageKind(
+        "pretrain",
+        "dmfc.pipeline.stages:pretrain",
+        version=4,
+        cpus=_training_cpus,
+        gpus=_training_gpus,
+    ),
+    StageKind(
+        "finetune",
+        "dmfc.pipeline.stages:finetune",
+        version=4,
+        cpus=_training_cpus,
+        gpus=_training_gpus,
+    ),
+    StageKind("rollouts", "dmfc.pipeline.stages_outcome:rollouts", version=1, may_fail=True),
+    StageKind("outcome", "dmfc.pipeline.stages_outcome:outcome", version=1),
+    StageKind("evaluate", "dmfc.pipeline.stages:evaluate", version=7),
+)
