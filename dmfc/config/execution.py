@@ -17,10 +17,11 @@ class ExecutionConfig:
         {}, "the same, key by key, over the protocol: {physics.hand_friction: 0.7}"
     )
     grasps_per_scene: int = setting(4, "K")
-    score: Literal["confidence", "outcome"] = setting(
+    score: Literal["confidence", "opposition", "outcome"] = setting(
         "confidence",
-        "by what grasps are ranked: the network's confidence, or the probability of being held "
-        "that an outcome predictor gives them (settings outcome.*)",
+        "by what grasps are ranked: the network's confidence; how far thumb and fingers oppose "
+        "each other once they are closed on the cloud; or the probability of being held that an "
+        "outcome predictor gives them (settings outcome.*)",
         later=True,
     )
     min_confidence: float = setting(

@@ -57,7 +57,7 @@ class OutcomeConfig:
         "networks whose mean is the answer; each learns without its share of the objects, by "
         "which it is calibrated",
     )
-    widths: list[int] = setting([128, 64], "hidden widths of each")
+    widths: list[int] = setting([128, 64], "hidden widths of each; none: logistic regression")
     dropout: float = setting(0.2, "share of hidden numbers that are left out in training")
     noise: float = setting(0.1, "standard deviation added to normalised features in training")
     epochs: int = setting(40, "epochs")
@@ -67,10 +67,8 @@ class OutcomeConfig:
 
     def __post_init__(self) -> None:
         """Raises ValueError for a predictor that cannot be trained."""
-        if self.members < 2 or self.epochs < 1 or self.batch_size < 1 or not self.widths:
-            raise ValueError(
-                "outcome: members must be at least 2, epochs and batch_size 1, widths not empty"
-            )
+        if self.members < 2 or self.epochs < 1 or self.batch_size < 1:
+            raise ValueError("outcome: members must be at least 2, epochs and batch_size 1")
         if not 0 <= self.dropout < 1 or self.learning_rate <= 0 or self.noise < 0:
             raise ValueError(
                 "outcome: dropout must be in [0, 1), learning_rate positive, noise not negative"

@@ -32,7 +32,7 @@ from dmfc.hand.model import HandModel
 from dmfc.network.inference import predict
 from dmfc.network.model import DmfcGraspNet
 from dmfc.objects.model import ObjectModel
-from dmfc.outcome.features import Grasps
+from dmfc.outcome.features import FeatureMaker, Grasps
 from dmfc.outcome.judge import Judge
 from dmfc.physics.world import World
 from dmfc.prediction.cloud_check import CloudCheck
@@ -90,14 +90,25 @@ class Evaluation:
 
     def scored(self, scene: Scene, proposed: GraspCandidates) -> GraspCandidates:
         """The proposals with the score that ranks them."""
-        if self.judge is None:
+        if self.config.score == "confidence":
             return proposed
         # The predictor knows a network's confidence; other rows have none of the kind.
         confidence = proposed.confidence if self.network else np.full(len(proposed), np.nan)
         grasps = Grasps(
             proposed.position, proposed.rotation, proposed.joints, proposed.seed_point, confidence
         )
+        if self.judge is None:
+            return replace(proposed, held=self._opposition(grasps, scene.points))
         return replace(proposed, held=self.judge(grasps, scene.points).held)
+
+    def _opposition(self, grasps: Grasps, points: np.ndarray) -> np.ndarray:
+        """[n] in [0, 1]: 1 where thumb and fingers would press against each other."""
+        column = self._features.names.index("opposed")
+        return (1.0 + self._features(grasps, points)[:, column].astype(np.float64)) / 2
+
+    @cached_property
+    def _features(self) -> FeatureMaker:
+        return FeatureMaker(self.hand)
 
     def _levels(self, scene: Scene) -> Levels | None:
         if not self.config.cloud_check:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,25 @@ from dmfc.outcome.network import OutcomeNet
 from dmfc.outcome.report import Report
 
 WEIGHTS, ABOUT = "outcome.safetensors", "outcome.json"
+HAND = "hand."
+"""Begins the names of the arrays of the hand, so that a judge needs no hand to be built."""
+_PLAIN = "name", "dof_names", "link_names", "opening", "squeeze"
+_ARRAYS = (
+    "lower",
+    "upper",
+    "open_joints",
+    "flexion",
+    "parents",
+    "T_parent_link",
+    "joint_axis",
+    "joint_dof",
+    "joint_scale",
+    "palm_reference",
+    "palm_normal",
+    "inner_link",
+    "inner_points",
+    "inner_normals",
+)
 
 
 @dataclass(frozen=True)
@@ -46,23 +66,29 @@ class Judge:
         self.features = FeatureMaker(hand)
 
     @classmethod
-    def load(cls, folder: Path, hand: HandModel) -> Judge:
-        """The judge in a folder, for a hand. Raises DmfcError where there is none for this hand."""
+    def load(cls, folder: Path) -> Judge:
+        """The judge in a folder. Raises DmfcError where there is none that is still understood."""
         try:
             about = json.loads((folder / ABOUT).read_text())
             tensors = load_file(folder / WEIGHTS)
+            hand = _read_hand(about["hand"], tensors)
             net = OutcomeNet(about["features"], about["widths"], about["members"])
-            net.load_state_dict(tensors)
-            hand = replace(hand, opening=about["opening"], squeeze=about["squeeze"])
+            net.load_state_dict({k: v for k, v in tensors.items() if not k.startswith(HAND)})
+            version = int(about["version"])
         except (OSError, ValueError, KeyError, RuntimeError, SafetensorError) as error:
             text = " ".join(str(error).split())[:200]
             raise DmfcError(f"{folder} holds no outcome predictor: {text}") from error
-        if about["hand"] != hand.name or about["version"] != features.VERSION:
+        if version != features.VERSION:
             raise DmfcError(
-                f"{folder} judges the hand '{about['hand']}' by features of version "
-                f"{about['version']}, not '{hand.name}' and {features.VERSION}: train it anew"
+                f"{folder} judges by features of version {version}, not {features.VERSION}: "
+                "train it anew"
             )
         return cls(net, hand)
+
+    @property
+    def hand(self) -> str:
+        """Name of the hand whose grasps it knows."""
+        return self.features.hand.name
 
     @torch.inference_mode()
     def __call__(self, grasps: Grasps, points: np.ndarray) -> Verdict:
@@ -78,18 +104,32 @@ def save_judge(
     """Write a judge's files, weights and what they are, into the folder `out`."""
     out.mkdir(parents=True, exist_ok=True)
     state = {k: v.detach().cpu().contiguous() for k, v in net.state_dict().items()}
-    save_file(state, out / WEIGHTS)
+    shape = {HAND + k: torch.from_numpy(np.ascontiguousarray(getattr(hand, k))) for k in _ARRAYS}
+    save_file(state | shape, out / WEIGHTS)
     about: dict[str, Any] = {
         "version": features.VERSION,
-        "hand": hand.name,
-        "opening": hand.opening,
-        "squeeze": hand.squeeze,
+        "hand": {name: getattr(hand, name) for name in _PLAIN},
         "features": len(net.mean),
         "widths": list(config.widths),
         "members": net.members,
         "unseen_objects": report.to_dict(),
     }
     (out / ABOUT).write_text(json.dumps(about, indent=1) + "\n")
+
+
+def _read_hand(about: Mapping[str, Any], tensors: Mapping[str, torch.Tensor]) -> HandModel:
+    """What features need of the hand, without its surface and its collision geometry."""
+    none = np.zeros((0, 3))
+    return HandModel(
+        **{name: about[name] for name in _PLAIN},
+        **{name: tensors[HAND + name].numpy() for name in _ARRAYS},
+        collision_link=none[:, 0].astype(np.int64),
+        collision_points=none,
+        adjacency=np.eye(len(about["link_names"]), dtype=bool),
+        link_grids=[],
+        link_vertices=[],
+        link_faces=[],
+    )
 
 
 def has_judge(folder: Path) -> bool:

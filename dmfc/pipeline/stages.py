@@ -187,7 +187,12 @@ def _judge(
 
     folder = Path(hints["judge"]) if "judge" in config else inputs["judge"]
     assert isinstance(folder, Path)
-    return Judge.load(folder, hand)
+    judge = Judge.load(folder)
+    if judge.hand != hand.name:
+        raise DmfcError(
+            f"{folder} judges the hand '{judge.hand}', not '{hand.name}' (outcome.judge)"
+        )
+    return judge
 
 
 def hand_with(config: HandConfig, folder: Path) -> HandModel:
