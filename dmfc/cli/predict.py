@@ -45,6 +45,14 @@ Check = Annotated[
     ),
 ]
 
+Score = Annotated[
+    str,
+    typer.Option(
+        help="The confidence: outcome, the probability of being held by the model's predictor, or "
+        "confidence, the network's own; default: outcome where the model has a predictor."
+    ),
+]
+
 models_app = typer.Typer(help="Models that are shipped with dmfc.", no_args_is_help=True)
 
 
@@ -59,6 +67,7 @@ def predict(
     table: Table = "refuse",
     drop_invalid: DropInvalid = False,
     check: Check = False,
+    score: Score = "",
     top: Annotated[int, typer.Option(help="Only so many, the most confident; 0: all.")] = 0,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Write them as a grasp set (.parquet).")
@@ -68,7 +77,7 @@ def predict(
 ) -> None:
     """Grasps of the objects in a point cloud or a depth image, the most confident first."""
     points, grasps = predicted(
-        cloud, model, unit, up, intrinsics, mask, pose, table, drop_invalid, check
+        cloud, model, unit, up, intrinsics, mask, pose, table, drop_invalid, check, score
     )
     if top < 0:
         raise DmfcError(f"--top {top}: a number of grasps, or 0 for all")
@@ -99,6 +108,7 @@ def predicted(
     table: str,
     drop_invalid: bool,
     check: bool = False,
+    score: str = "",
 ) -> tuple[np.ndarray, RankedGrasps]:
     """The finite points [N, 3] of the file in metres, in the frame of the grasps; the grasps."""
     import numpy as np
@@ -128,6 +138,7 @@ def predicted(
         table=table,
         drop_invalid=drop_invalid,
         check=check,
+        score=score,
     )
     if not len(grasps):
         raise DmfcError(
@@ -221,3 +232,15 @@ def models_export(
     from dmfc.prediction.models import export_model
 
     typer.echo(f"written: {export_model(stage, out, default, measured)}")
+
+
+@models_app.command("judge")
+def models_judge(
+    stage: Annotated[Path, typer.Argument(help="Folder that dmfc outcome train printed.")],
+    model: Annotated[Path, typer.Option("--model", help="Folder of the model that gets it.")],
+    measured: Annotated[str, typer.Option(help="What its card says of its rates.")] = "",
+) -> None:
+    """Give a model an outcome predictor, which then says what its confidence is."""
+    from dmfc.prediction.models import add_judge
+
+    typer.echo(f"written: {add_judge(stage, model, measured)}")

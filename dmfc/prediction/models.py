@@ -1,7 +1,9 @@
 """Models that are shipped inside the package, and how a trained stage becomes one.
 
 A model is a folder `dmfc/models/NAME` with `weights.safetensors`, `config.yaml` (both as a training
-stage leaves them) and `README.md`, its card. `dmfc/models/default.txt` names the default.
+stage leaves them) and `README.md`, its card; and, where it has an outcome predictor, with
+`outcome.safetensors`, `outcome.json` and `OUTCOME.md`, the predictor's card.
+`dmfc/models/default.txt` names the default.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ from dmfc.errors import DmfcError, unknown_name
 
 SHIPPED = Path(__file__).resolve().parents[1] / "models"
 WEIGHTS, CONFIG, CARD, DEFAULT = "weights.safetensors", "config.yaml", "README.md", "default.txt"
+JUDGE_CARD = "OUTCOME.md"
 LARGEST_MB = 10
 """Larger weights do not belong in a package."""
 
@@ -67,3 +70,22 @@ def export_model(stage: Path, out: Path, default: bool = False, measured: str = 
     if default:
         (out.parent / DEFAULT).write_text(f"{out.name}\n")
     return out
+
+
+def add_judge(stage: Path, model: Path, measured: str = "") -> Path:
+    """Copy the outcome predictor of a finished stage into the folder of a model; gives its card.
+
+    `measured`: what is known of rates with it, for the card. Raises DmfcError where there is none.
+    """
+    from dmfc.outcome.judge import ABOUT, Judge
+    from dmfc.outcome.judge import WEIGHTS as JUDGE
+    from dmfc.prediction.card import judge_card
+
+    Judge.load(stage)
+    if not (model / WEIGHTS).is_file():
+        raise DmfcError(f"the folder {model} holds no {WEIGHTS} (--model)")
+    card = judge_card(stage, measured)
+    for name in (JUDGE, ABOUT):
+        shutil.copyfile(stage / name, model / name)
+    (model / JUDGE_CARD).write_text(card)
+    return model / JUDGE_CARD

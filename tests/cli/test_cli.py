@@ -31,6 +31,7 @@ VERBS = [
     ["objects", "prepare"], ["grasps", "plan"], ["grasps", "stats"], ["scenes", "make"],
     ["scenes", "stats"], ["scenes", "show"], ["scenes", "freeze"], ["train"],
     ["evaluate"], ["predict"], ["models", "list"], ["models", "export"],
+    ["models", "judge"], ["outcome", "train"], ["outcome", "export"],
     ["sweep", "run"], ["sweep", "status"], ["tables"],
     ["ui"], ["store", "list"], ["store", "show"], ["store", "verify"], ["store", "prune"],
     ["store", "export"], ["store", "import"], ["tracking", "rebuild"], ["tracking", "sync"],
