@@ -53,10 +53,10 @@ def _card(rows: pd.DataFrame, shards: int, about: str) -> str:
 row per trial: `scenes_file` and `scene` name its scene, `object_index` the object in it that was to
 be grasped, `seed_point` the point of its cloud that the grasp was proposed at. The palm's pose is
 `palm_x`, `palm_y`, `palm_z` (metres) and the unit quaternion `palm_qw` to `palm_qz`, in the world,
-z up, table at z = 0; `joint_00` to `joint_{joints - 1:02d}` are the joint angles in rad. What became
-of it: `planned`, `held`, `reason`, and the measurements that docs/execution.md explains. `choice`
-says why it was executed: at random among those clear of the cloud, as one of the most confident, or
-although the cloud is in its way. Scenes are read with `dmfc.scenes.scene_set.SceneSet`.
+z up, table at z = 0; `joint_00` to `joint_{joints - 1:02d}` are the joint angles in rad. What
+became of it: `planned`, `held`, `reason`, and the measurements that docs/execution.md explains.
+`choice` says why it was executed: at random among those clear of the cloud, as one of the most
+confident, or although the cloud is in its way. Scenes are read with `dmfc.scenes.scene_set.SceneSet`.
 
 Simulated (MuJoCo), not tried on a real hand. Licence: Apache-2.0; objects keep their own licences.
 """

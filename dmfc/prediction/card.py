@@ -110,9 +110,9 @@ hand alone: {about["features"]} numbers, {about["members"]} networks of widths {
 Hand: {about["hand"]["name"]}. Code: commit {str(record.get("commit") or "unknown")[:7]}, stage
 `{record.get("kind", "?")}/{record.get("key", "?")}`.
 
-It learned from executed predictions of its model ({found["trials"]} that were clear of the cloud, of
-{found["objects"]} objects in {found["scenes"]} scenes; {found["held_rate"]:.2f} held). On objects
-that a network of it had not seen:
+It learned from executed predictions of its model ({found["trials"]} that were clear of the cloud,
+of {found["objects"]} objects in {found["scenes"]} scenes; {found["held_rate"]:.2f} held). On
+objects that a network of it had not seen:
 
 | | |
 |---|---|
