@@ -58,5 +58,5 @@ became of it: `planned`, `held`, `reason`, and the measurements that docs/execut
 `choice` says why it was executed: at random among those clear of the cloud, as one of the most
 confident, or although the cloud is in its way. Scenes are read with `dmfc.scenes.scene_set.SceneSet`.
 
-Simulated (MuJoCo), not tried on a real hand. Licence: Apache-2.0; objects keep their own licences.
+Simulated (MuJoCo), not tried on a real hand. Licence: Apache-2.0; objects keep their own.
 """

@@ -56,6 +56,7 @@ def fit(
             enable_progress_bar=False,
             enable_model_summary=False,
             default_root_dir=work,
+            reload_dataloaders_every_n_epochs=1,
         )
         there = checkpoint if checkpoint.exists() else None
         trainer.fit(module, ckpt_path=there, weights_only=True)
@@ -99,8 +100,9 @@ def _calibrated(net: OutcomeNet, trials: Trials, fold: np.ndarray) -> Report:
     every = net.logits(net.normalise(torch.from_numpy(trials.features))).double().numpy()
     unseen = every[fold, np.arange(len(trials))]
     weight = object_weights(trials.object)
-    rows = trials.planned
-    planned = platt(unseen[:, 0], trials.planned, weight)
+    # Those that the cloud is in the way of are refused anyway: what is said is of the others.
+    clear, rows = trials.clear, trials.clear & trials.planned
+    planned = platt(unseen[clear, 0], trials.planned[clear], weight[clear])
     held = platt(unseen[rows, 1], trials.held[rows], weight[rows])
     net.slope.copy_(torch.tensor([planned[0], held[0]]))
     net.shift.copy_(torch.tensor([planned[1], held[1]]))
@@ -125,7 +127,9 @@ class _Module(LightningModule):
         )
 
     def train_dataloader(self) -> _Batches:
-        return _Batches(len(self._rows[0]), self.config.batch_size)
+        # Asked for anew in every epoch.
+        seed = self.seed * 100_003 + self.current_epoch
+        return _Batches(len(self._rows[0]), self.config.batch_size, seed)
 
     def on_train_epoch_start(self) -> None:
         # An epoch depends on its number alone, so that one which follows a checkpoint is the same.
@@ -151,22 +155,23 @@ class _Module(LightningModule):
         optimizer = torch.optim.AdamW(
             self.net.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay
         )
-        steps = config.epochs * len(_Batches(len(self._rows[0]), config.batch_size))
+        steps = config.epochs * len(self.train_dataloader())
         schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
         return {"optimizer": optimizer, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
 
 
 class _Batches:
-    """Rows of each batch of an epoch, shuffled by torch's random state, all but a rest."""
+    """Rows of each batch of an epoch, in an order that follows from a seed, all but a rest."""
 
-    def __init__(self, count: int, size: int) -> None:
-        self.count, self.size = count, min(size, count)
+    def __init__(self, count: int, size: int, seed: int) -> None:
+        self.count, self.size, self.seed = count, min(size, count), seed
 
     def __len__(self) -> int:
         return self.count // self.size
 
     def __iter__(self) -> Iterator[Tensor]:
-        order = torch.randperm(self.count)
+        generator = torch.Generator().manual_seed(self.seed)
+        order = torch.randperm(self.count, generator=generator)
         return iter(order[: len(self) * self.size].split(self.size))
 
 
