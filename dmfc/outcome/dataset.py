@@ -56,7 +56,8 @@ be grasped, `seed_point` the point of its cloud that the grasp was proposed at. 
 z up, table at z = 0; `joint_00` to `joint_{joints - 1:02d}` are the joint angles in rad. What
 became of it: `planned`, `held`, `reason`, and the measurements that docs/execution.md explains.
 `choice` says why it was executed: at random among those clear of the cloud, as one of the most
-confident, or although the cloud is in its way. Scenes are read with `dmfc.scenes.scene_set.SceneSet`.
+confident, or although the cloud is in its way. Scenes are read with
+`dmfc.scenes.scene_set.SceneSet`.
 
 Simulated (MuJoCo), not tried on a real hand. Licence: Apache-2.0; objects keep their own.
 """
