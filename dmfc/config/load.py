@@ -100,7 +100,7 @@ def _converted(key: str, raw: Any, current: Any, where: str) -> Any:
     try:
         merged = OmegaConf.merge(holder, {"value": raw})
         value = typing.cast(dict[str, Any], OmegaConf.to_container(merged, resolve=True))["value"]
-    except (OmegaConfBaseException, TypeError, ValueError) as error:
+    except (OmegaConfBaseException, TypeError, ValueError, OverflowError) as error:
         raise _one_line(error, where, key, raw) from error
     wrong = fault(key, raw, value)
     if wrong:

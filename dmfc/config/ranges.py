@@ -75,4 +75,5 @@ def _numbers(value: Any) -> Iterator[float]:
         for item in value:
             yield from _numbers(item)
     elif isinstance(value, int | float) and not isinstance(value, bool):
-        yield float(value) if abs(value) < HUGE else math.copysign(math.inf, value)
+        too_large = isinstance(value, int) and abs(value) > HUGE
+        yield math.copysign(math.inf, value > 0 or -1) if too_large else float(value)
