@@ -9,26 +9,6 @@ from dmfc.config.setting import setting
 
 
 @dataclass(frozen=True)
-class RefineConfig:
-    steps: int = setting(0, "steps of gradient descent on the candidates; 0: not refined")
-    step: float = setting(0.01, "rad of a step; the palm moves 5 cm per rad")
-    which: Literal["kept", "batch"] = setting(
-        "kept", "refine those that were kept by Q1, or the batch before they are chosen"
-    )
-    points: int = setting(500, "collision points of the hand that are looked up; 0: all")
-    collision_weight: float = setting(1.0, "weight of collision, in the units of losses.units")
-    guidance_weight: float = setting(1.0, "weight of guidance, in the units of losses.units")
-    q1_weight: float = setting(1.0, "weight of exp(-Q1)")
-
-    def __post_init__(self) -> None:
-        """Raises ValueError for what cannot be descended."""
-        if self.steps < 0 or self.step <= 0 or self.points < 0:
-            raise ValueError("grasps.refine: step must be positive, steps and points not negative")
-        if self.steps and not any((self.collision_weight, self.guidance_weight, self.q1_weight)):
-            raise ValueError("grasps.refine: steps without a term: give one of the weights")
-
-
-@dataclass(frozen=True)
 class GraspsConfig:
     source: Literal["plan", "library", "either"] = setting(
         "plan",
@@ -44,7 +24,6 @@ class GraspsConfig:
     keep: float = setting(0.12, "share of a batch, the best by Q1, that is checked in MuJoCo")
     surplus: float = setting(1.1, "grasps found per grasp kept; those kept are spread apart")
     seed: int = setting(0, "seed of the planner")
-    refine: RefineConfig = setting(RefineConfig, "refinement by gradients", later=True)
 
     table_share: float = setting(
         1.0, "share of candidates that leave room for a table under a stable pose of the object"

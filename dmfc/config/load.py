@@ -15,7 +15,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from dmfc.config.plain_yaml import parse_yaml, read_yaml
 from dmfc.config.schema import Config
-from dmfc.errors import DmfcError, unknown_name
+from dmfc.errors import DmfcError, first_line, unknown_name
 
 LIKE = 0.7
 """Least likeness (0 to 1) of a key that is offered instead of an unknown one."""
@@ -44,7 +44,7 @@ def build_config(overlays: Iterable[Overlay], base: Config | None = None) -> Con
     try:
         return typing.cast(Config, OmegaConf.to_object(merged))
     except (OmegaConfBaseException, ValueError, TypeError) as error:
-        raise _one_line(error, "settings", {}) from error
+        raise _explained(error, "settings", {}) from error
 
 
 @cache
@@ -169,14 +169,14 @@ def _culprit(trees: Sequence[tuple[str, dict[str, Any]]]) -> DmfcError:
         try:
             OmegaConf.merge(_schema(), tree)
         except (OmegaConfBaseException, TypeError) as error:
-            return _one_line(error, where, tree)
+            return _explained(error, where, tree)
     return DmfcError("the settings contradict each other")
 
 
-def _one_line(error: Exception, where: str, tree: dict[str, Any]) -> DmfcError:
+def _explained(error: Exception, where: str, tree: dict[str, Any]) -> DmfcError:
     """OmegaConf's several lines as one, with the key and what the key wants."""
     key = str(getattr(error, "full_key", None) or "")
-    message = str(error).splitlines()[0].rstrip(".")
+    message = first_line(error).rstrip(".")
     if "AnyNode is not a ListConfig" in message:
         value: Any = tree
         for part in key.split("."):

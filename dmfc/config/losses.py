@@ -28,9 +28,6 @@ class Q1Config:
     friction: float = setting(0.7, "friction coefficient mu of the cones")
     alpha: float = setting(60.0, "1/m; weight exp(-alpha |d|) of hand points off the surface")
     torque_weight: float = setting(1e-2, "1/m; torque entries of the metric M")
-    support: Literal["exact", "published"] = setting(
-        "exact", "support function of the friction cone"
-    )
     floor: bool = setting(
         True, "a contact may also press less, so Q is at least 0; false keeps a gradient below 0"
     )
@@ -81,9 +78,6 @@ class LengthUnits:
 class LossConfig:
     weights: LossWeights = setting(LossWeights, "weights of the terms")
     grasp_space: GraspSpace = setting(GraspSpace, "the space of chamfer")
-    clamp: Literal["hard", "straight_through", "soft"] = setting(
-        "hard", "gradient of the clamp to joint limits"
-    )
     units: LengthUnits = setting(LengthUnits, "units of length of the terms in squared lengths")
     self_collision: bool = setting(True, "count the hand's own links among the meshes of collision")
     q1: Q1Config = setting(Q1Config, "the Q1 metric")

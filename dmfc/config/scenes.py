@@ -88,11 +88,6 @@ class ScenesConfig:
     train: SceneSetConfig = setting(SceneSetConfig, "training scenes")
     test: SceneSetConfig = setting(SceneSetConfig(count=100, seed=1), "test scenes")
     cameras: CameraConfig = setting(CameraConfig, "the four depth cameras, one per side")
-    depth: Literal["rebuild", "keep"] = setting(
-        "rebuild",
-        "depth images: rendered anew when they are shown, or kept with the scenes; then training "
-        "draws the points of a cloud anew from them in every epoch",
-    )
     points: int = setting(2048, "points of the fused cloud")
     table_size: float = setting(0.8, "side of the square table top, metres; its surface is z = 0")
     spawn_radius: float = setting(

@@ -101,15 +101,6 @@ class Proposer:
         found = self._close(self._back_off(position, rotation, opened, anywhere, np.zeros(1)))
         return found[found.touching.sum(axis=1) >= 2]
 
-    def closed_again(self, candidates: Candidates) -> Candidates:
-        """Of hands that were moved those that still fit, opened and closed until they touch."""
-        opened = self.hand.opened(candidates.joints)
-        found = self._close(replace(candidates, preshape=opened))
-        found = found[found.touching.sum(axis=1) >= 2]
-        return found[
-            self.reachable(found.position, found.rotation, found.joints, found.stable_pose)
-        ]
-
     def reached(self, T_object_palm: np.ndarray, joints: np.ndarray) -> np.ndarray:
         """The stable poses of the object in which the hand [4, 4], [D] is `reachable`."""
         poses = np.arange(len(self.model.stable_heights))

@@ -10,7 +10,7 @@ import manifold3d
 import numpy as np
 import trimesh
 
-from dmfc.errors import DmfcError
+from dmfc.errors import DmfcError, one_line
 
 MESH_SUFFIXES = (".stl", ".obj", ".ply", ".off", ".glb")
 MIN_EXTENT = 0.005
@@ -53,7 +53,7 @@ def load_mesh(paths: list[Path], scale: float = 1.0) -> trimesh.Trimesh:
         try:
             part = trimesh.load(path, force="mesh", process=False)
         except Exception as error:  # the readers of the formats raise whatever they like
-            raise DmfcError(f"mesh file {path} cannot be read: {_line(error)}") from error
+            raise DmfcError(f"mesh file {path} cannot be read: {one_line(error)}") from error
         if not isinstance(part, trimesh.Trimesh) or len(part.faces) == 0:
             raise DmfcError(f"mesh file {path} holds no faces")
         parts.append(trimesh.Trimesh(part.vertices * scale, part.faces, process=False))
@@ -167,7 +167,3 @@ def _closed(faces: np.ndarray) -> bool:
     _, index = np.unique(low * (int(faces.max()) + 1) + high, return_inverse=True)
     direction = np.where(edges[:, 0] < edges[:, 1], 1, -1)
     return not np.bincount(index, weights=direction).any()
-
-
-def _line(error: Exception) -> str:
-    return (" ".join(str(error).split()) or type(error).__name__)[:200]

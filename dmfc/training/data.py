@@ -17,14 +17,13 @@ from torch.utils.data import DataLoader, Dataset, Sampler
 from dmfc.config.scenes import AugmentationConfig, CameraConfig, MatchingConfig, ScenesConfig
 from dmfc.errors import DmfcError
 from dmfc.geometry import transforms
-from dmfc.geometry.points import choose, farthest_points
+from dmfc.geometry.points import farthest_points
 from dmfc.grasps.grasp_set import GraspSet
 from dmfc.scenes.augment import kept_points, random_motion, sensor_errors
 from dmfc.scenes.matching import match_grasps
 from dmfc.scenes.scene_grasps import grasps_in_scene
 from dmfc.scenes.scene_set import Scene, SceneSet
 from dmfc.sensing.cameras import table_cameras
-from dmfc.sensing.depth import decode
 
 _AUGMENT, _SHUFFLE = range(2)  # independent random streams of one seed
 
@@ -54,8 +53,7 @@ class SceneDataset(Dataset):
         self._rows = {object_id: row for row, object_id in enumerate(object_order)}
         self._palm_reference = np.asarray(palm_reference, dtype=np.float64)
         self._matching = matching
-        self._cameras = table_cameras(cameras)
-        self._positions = np.stack([camera.position for camera in self._cameras])
+        self._positions = np.stack([camera.position for camera in table_cameras(cameras)])
         self._augmentation = augmentation
         self._seeds = seeds
         self._seed = seed
@@ -72,15 +70,8 @@ class SceneDataset(Dataset):
         if self._augmentation is not None:
             words = np.random.SeedSequence(self._seed, spawn_key=(_AUGMENT, epoch, position))
             generator = np.random.default_rng(words)
-            point_camera = scene.point_camera
-            if scene.depth:
-                pixels, facing = decode(scene.depth)
-                chosen = choose(len(pixels), len(points), generator)
-                pixels, normals = pixels[chosen], facing[chosen].astype(np.float64)
-                points = pixels.points(self._cameras)[0]
-                point_object, point_camera = pixels.object_index, pixels.camera
             points, normals = sensor_errors(
-                self._augmentation, points, normals, point_camera, self._positions, generator
+                self._augmentation, points, normals, scene.point_camera, self._positions, generator
             )
             kept = kept_points(self._augmentation, len(points), generator)
             points, normals, point_object = points[kept], normals[kept], point_object[kept]

@@ -22,9 +22,6 @@ from dmfc.training.selection import hardest
 from dmfc.training.task import Task
 from dmfc.training.validation import Validation, calibration
 
-TIMINGS = frozenset({"seconds", "scenes_per_second", "time"})
-"""Metrics of an epoch that differ from run to run; all others are exact."""
-
 
 class GraspTraining(LightningModule):
     """Trains `net` on `task`. `metrics` holds a row per finished epoch.

@@ -11,7 +11,7 @@ import torch
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from dmfc.errors import DmfcError
+from dmfc.errors import DmfcError, first_line
 from dmfc.hand.model import HandModel
 from dmfc.network.checkpoint import new_network
 from dmfc.objects.atlas import ObjectAtlas
@@ -74,5 +74,5 @@ def _config(text: str) -> FitConfig:
         merged = OmegaConf.merge(OmegaConf.structured(FitConfig), json.loads(text))
         return cast(FitConfig, OmegaConf.to_object(merged))
     except (OmegaConfBaseException, ValueError) as error:
-        message = str(error).splitlines()[0]
+        message = first_line(error)
         raise DmfcError(f"the batch was saved with settings of another dmfc: {message}") from error

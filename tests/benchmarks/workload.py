@@ -15,12 +15,12 @@ from dmfc.config.losses import LossConfig, LossWeights, Q1Config
 from dmfc.config.network import NetworkConfig
 from dmfc.config.training import TrainingConfig
 from dmfc.geometry.points import farthest_points
-from dmfc.geometry.rotations import random_rotations
 from dmfc.hand.model import HandModel
 from dmfc.network.checkpoint import new_network
 from dmfc.objects.atlas import ObjectAtlas
 from dmfc.training.module import GraspTraining
 from dmfc.training.task import Stage, Task
+from tests.support.rotations import random_rotations
 from tests.support.toy import Box, box_grid, box_points
 
 OBJECTS = 4

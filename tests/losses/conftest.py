@@ -9,11 +9,11 @@ import pytest
 import torch
 
 from dmfc.geometry.grid import Grid
-from dmfc.geometry.rotations import random_rotations
 from dmfc.geometry.transforms import transform
 from dmfc.hand.model import HandModel
 from dmfc.objects.atlas import ObjectAtlas, SceneObjects
 from tests.support.loss_shapes import BOX, ball_distance, box_distance
+from tests.support.rotations import random_rotations
 
 
 @pytest.fixture(scope="session")

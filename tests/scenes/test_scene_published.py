@@ -17,18 +17,14 @@ from dmfc.errors import DmfcError
 from dmfc.network.checkpoint import new_network
 from dmfc.network.inference import predict
 from dmfc.scenes.custom import cloud_scene, import_clouds, read_cloud
-from dmfc.scenes.make import make_shard
 from dmfc.scenes.publish.published import PublishedSet, packs_of, publish
 from dmfc.training.data import SceneDataset, collate
 
 
 @pytest.fixture(scope="module")
-def files(tmp_path_factory, config, objects, grasps, hand):
+def files(tmp_path_factory, shards, grasps):
     """Shards and grasp sets as stages leave them."""
     folder = tmp_path_factory.mktemp("made")
-    shards = [folder / f"{number}.parquet" for number in range(3)]
-    for number, path in enumerate(shards):
-        make_shard(config, "train", number, objects, grasps, hand, path)
     sets = {name: folder / f"{name.replace('/', '-')}.grasps" for name in grasps}
     for name, path in sets.items():
         grasps[name].save(path)

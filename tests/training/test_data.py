@@ -15,7 +15,6 @@ from dmfc.config.scenes import AugmentationConfig, CameraConfig, MatchingConfig
 from dmfc.errors import DmfcError
 from dmfc.geometry.points import farthest_points
 from dmfc.scenes.augment import depth_noise, kept_points, random_motion
-from dmfc.scenes.make import make_shard
 from dmfc.scenes.scene_set import SceneSet
 from dmfc.training.data import (
     EpochSampler,
@@ -208,11 +207,8 @@ class _Recorder(lightning.LightningModule):
     "ignore::UserWarning", "ignore::lightning.pytorch.utilities.warnings.PossibleUserWarning"
 )
 def test_lightning_runs_epochs_alike_with_any_number_of_workers(
-    tmp_path, config, objects, grasps, hand
+    tmp_path, config, objects, grasps, hand, shards
 ):
-    shards = [tmp_path / f"{shard}.parquet" for shard in range(3)]
-    for shard, path in enumerate(shards):
-        make_shard(config, "train", shard, objects, grasps, hand, path)
     seen = []
     for workers in (0, 2):
         data = SceneData(
