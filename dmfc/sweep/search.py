@@ -1,4 +1,4 @@
-"""A search: Optuna, through Ray Tune's searcher, suggests settings; validation says how good.
+"""A search: Optuna suggests settings; validation says how good they are.
 
     kind: search
     search:
@@ -90,7 +90,7 @@ def suggest(
     import numpy as np
     import optuna
     from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution
-    from ray.tune.search.optuna import OptunaSearch
+    from optuna.trial import TrialState, create_trial
 
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     space: dict[str, BaseDistribution] = {
@@ -102,12 +102,14 @@ def suggest(
     # Each round draws other numbers, and the same ones whenever it is drawn again.
     drawn = np.random.SeedSequence([search.seed, len(told)]).generate_state(1)
     sampler = optuna.samplers.TPESampler(seed=int(drawn[0]), constant_liar=True)
-    searcher = OptunaSearch(space=space, metric="objective", mode="max", sampler=sampler)
+    study = optuna.create_study(direction="maximize", sampler=sampler)
     for settings, value in told:
         # As pruned: Optuna forgets what failed, and would suggest the same again.
-        number = 0.0 if value is None else value  # of a pruned trial it is not looked at
-        searcher.add_evaluated_point(dict(settings), number, pruned=value is None)
-    suggested = [searcher.suggest(str(len(told) + place)) or {} for place in range(count)]
+        state = TrialState.PRUNED if value is None else TrialState.COMPLETE
+        study.add_trial(
+            create_trial(state=state, value=value, params=dict(settings), distributions=space)
+        )
+    suggested = [study.ask(fixed_distributions=space).params for _ in range(count)]
     return [
         {name: _rounded(settings[name], domain) for name, domain in search.space.items()}
         for settings in suggested
