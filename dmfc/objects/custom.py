@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from dmfc.config.custom_function import own_function
 from dmfc.errors import DmfcError, unknown_name
-from dmfc.objects.sources import ObjectSource
+from dmfc.objects.source import ObjectSource
 
 if TYPE_CHECKING:
     import trimesh

@@ -19,8 +19,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import re
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -29,9 +28,10 @@ import yaml
 
 from dmfc.assets import get_pack, pull
 from dmfc.errors import DmfcError, unknown_name
+from dmfc.objects.source import ObjectSource
 
 if TYPE_CHECKING:
-    import trimesh
+    pass
 
 YCB_TEST = (
     "master_chef_can",
@@ -58,30 +58,6 @@ RANDOM_SCALE = 0.015
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254}
 _NOT_HOUSEHOLD = ("hand", "headphones")
 """Folders of the household pack that hold no object to grasp, or more than a hand can hold."""
-
-
-@dataclass(frozen=True)
-class ObjectSource:
-    """One object that can be prepared."""
-
-    id: str
-    """"<source>/<name>", e.g. "ycb/mug"."""
-    licence: str
-    mass: float | None
-    """kg where it is known, else None: the setting objects.prepare.density gives it."""
-    digest: str
-    """Changes if what `load` returns may change."""
-    selector: str
-    """Selects this object alone, on this machine."""
-    loader: Callable[[], trimesh.Trimesh]
-
-    @property
-    def source(self) -> str:
-        return self.id.split("/", 1)[0]
-
-    def load(self) -> trimesh.Trimesh:
-        """The mesh as the source has it, in metres. Raises DmfcError if it cannot be read."""
-        return self.loader()
 
 
 def list_objects(selectors: Iterable[str]) -> list[ObjectSource]:

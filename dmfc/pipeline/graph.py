@@ -168,7 +168,7 @@ class GraphBuilder:
             "grasps": self.grasps(config, split),
         }
         # Training goes on without an object that fails; a test without one is another test.
-        hints = {"lacking": "allowed"} if split == "train" else {}
+        tolerant = {"failed_objects": "left out"} if split == "train" else {}
         return tuple(
             self.stage(
                 "scenes",
@@ -178,9 +178,9 @@ class GraphBuilder:
                     "scenes": scenes,
                     "start": start,
                     "stop": min(start + size, chosen.count),
+                    **tolerant,
                 },
                 inputs,
-                hints,
             )
             for start in range(0, chosen.count, size)
         )
@@ -194,7 +194,7 @@ class GraphBuilder:
             q1_upper=0.0,
             confidence=config.losses.weights.confidence,
         )
-        unused = ("q1", "q1_lower", "units", "clamp", "self_collision", "own")
+        unused = ("q1", "q1_lower", "units", "self_collision", "own")
         losses = dataclasses.replace(without(config.losses, *unused), weights=weights)
         settings = {
             **self._learning(config),

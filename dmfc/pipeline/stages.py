@@ -93,7 +93,7 @@ def make_scenes(ctx: StageContext) -> None:
     """scenes: `scenes.parquet` and `counts.json`."""
     from dmfc.scenes.make import make_scene_file
 
-    given = whole if ctx.hints.get("lacking") != "allowed" else present
+    given = present if ctx.config.get("failed_objects") == "left out" else whole
     counts = make_scene_file(
         ctx.config["scenes"],
         ctx.config["set"],

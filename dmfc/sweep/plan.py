@@ -104,30 +104,6 @@ class SweepPlan:
         }
 
 
-def plan_sweep(
-    sweep: Sweep,
-    builder: GraphBuilder,
-    preset: str | None,
-    overrides: Sequence[str] = (),
-    ledger: Ledger | None = None,
-) -> SweepPlan:
-    """Resolve every cell at every seed. Raises DmfcError on the first setting that is wrong.
-
-    A search needs the `ledger` too: what it tries next depends on what it has found.
-    """
-    if sweep.search is not None:
-        from dmfc.sweep.search_plan import SearchPlanner
-
-        assert ledger is not None, "a search is planned with its ledger"
-        return SearchPlanner(sweep, builder, preset, overrides, ledger).now()
-    cells = [
-        plan_cell(sweep, cell, seed, builder, preset, overrides)
-        for seed in sweep.seeds
-        for cell in sweep.cells
-    ]
-    return SweepPlan(sweep, preset, tuple(cells))
-
-
 def plan_cell(
     sweep: Sweep,
     cell: Cell,

@@ -23,7 +23,7 @@ from dmfc.engine.system import read_lines
 from dmfc.pipeline.graph import GraphBuilder
 from dmfc.report.collect import collect, read_sweep
 from dmfc.report.rates import concatenate
-from dmfc.sweep.plan import plan_sweep
+from dmfc.sweep.planner import plan_sweep
 from dmfc.sweep.sweep_file import load_sweep
 from tests.chaos.two_nodes import HELD, TwoNodes
 from tests.support.fake_science import FAKES, fake_refs

@@ -13,7 +13,7 @@ from dmfc.engine.stage import closure
 from dmfc.engine.store import entries, find, prunable, prune, referred, verify
 from dmfc.errors import DmfcError
 from dmfc.pipeline.graph import GraphBuilder
-from dmfc.sweep.plan import plan_sweep
+from dmfc.sweep.planner import plan_sweep
 from dmfc.sweep.sweep_file import load_sweep
 from tests.support.fake_science import FAKES, fake_refs
 from tests.support.trivial_graph import TRIVIAL, trivial

@@ -14,7 +14,7 @@ from dmfc.errors import DmfcError
 from dmfc.experiment import drive as cli_drive
 from dmfc.pipeline.graph import GraphBuilder
 from dmfc.report.collect import table_of
-from dmfc.sweep.plan import plan_sweep
+from dmfc.sweep.planner import plan_sweep
 from dmfc.sweep.search import Range, Search, suggest
 from dmfc.sweep.sweep_file import load_sweep
 from tests.support.fake_science import FAKES, fake_refs
