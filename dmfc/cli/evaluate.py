@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from dmfc.engine.stage import Stage
     from dmfc.report.table import SweepTable
 
-WEIGHTS = "weights.safetensors"
 CHECKS = ("contact_penetration", "contact_force", "hand_penetration", "self_penetration")
 """Physical checks of which the summary tells median and largest, over planned trials."""
 
@@ -122,6 +121,7 @@ def compare(
 def _source(source: str) -> tuple[Path | None, dict[str, Path]]:
     """A trained model's folder, or the files of grasp sets by object; neither for a known name."""
     from dmfc.grasps.grasp_set import GraspSet
+    from dmfc.pipeline.artifacts import WEIGHTS
     from dmfc.sweep.sweep_file import MODELS
 
     path = Path(source)
@@ -157,14 +157,14 @@ def _report(
 ) -> None:
     import pandas as pd
 
-    from dmfc.execution.evaluate import DIVERSITY, TRIALS
+    from dmfc.pipeline.artifacts import DIVERSITY, SUMMARY, TRIALS, load_diversity, load_trials
     from dmfc.report.formats import to_json
     from dmfc.report.rates import concatenate
     from dmfc.report.table import CellRows, make_table
 
     folders = [session.ledger.folder(stage.address) for stage in stages]
-    rows = concatenate([pd.read_parquet(folder / TRIALS) for folder in folders])
-    spread = pd.concat([pd.read_parquet(folder / DIVERSITY) for folder in folders])
+    rows = concatenate([load_trials(folder) for folder in folders])
+    spread = pd.concat([load_diversity(folder) for folder in folders])
     config = session.config
     trials = config.execution.grasps_per_scene * config.scenes.test.count
     cell = CellRows(source, source, config.execution.seed, trials, rows)
@@ -182,7 +182,7 @@ def _report(
         out.mkdir(parents=True, exist_ok=True)
         rows.to_parquet(out / TRIALS, index=False)
         spread.to_parquet(out / DIVERSITY, index=False)
-        write_json(out / "summary.json", summary)
+        write_json(out / SUMMARY, summary)
         draw_failures(table, out / "failures.png")
     if as_json:
         answer(summary)
@@ -233,8 +233,10 @@ def _trial_rows(text: str) -> pd.DataFrame:
     """Rows of 'FILE' or 'FILE:CELL'."""
     import pandas as pd
 
+    from dmfc.pipeline.artifacts import TRIALS
+
     name, _, cell = text.partition(":")
-    path = Path(name) / "trials.parquet" if Path(name).is_dir() else Path(name)
+    path = Path(name) / TRIALS if Path(name).is_dir() else Path(name)
     if not path.is_file():
         raise DmfcError(f"there are no trial rows at '{path}'")
     rows = pd.read_parquet(path)

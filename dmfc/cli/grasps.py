@@ -24,6 +24,7 @@ from dmfc.errors import DmfcError
 from dmfc.experiment.console import answer, show_rows, stderr
 from dmfc.experiment.session import Session, failures, require
 from dmfc.grasps.library import file_name
+from dmfc.pipeline.artifacts import GRASPS, Objects, load_grasps, load_hand
 
 if TYPE_CHECKING:
     from dmfc.engine.stage import Stage
@@ -77,7 +78,7 @@ def _copy_to_library(
             continue
         path = folder / file_name(session.config.hand.name, stage.name)
         path.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(session.ledger.folder(stage.address) / "grasps.parquet", path)
+        shutil.copyfile(session.ledger.folder(stage.address) / GRASPS, path)
 
 
 def grasp_stages(session: Session, selectors: list[str] | None) -> list[Stage]:
@@ -143,9 +144,7 @@ def _kept_failures(session: Session, stages: Sequence[Stage]) -> dict[str, str]:
 
 def load_sets(session: Session, stages: Sequence[Stage]) -> list[GraspSet]:
     """The grasp sets that finished stages hold."""
-    from dmfc.grasps.grasp_set import GraspSet
-
-    return [GraspSet.load(session.ledger.folder(s.address) / "grasps.parquet") for s in stages]
+    return [load_grasps(session.ledger.folder(stage.address)) for stage in stages]
 
 
 def set_rows(
@@ -184,17 +183,12 @@ def _prepared(
     session: Session, stages: Sequence[Stage], failed: dict[str, str]
 ) -> tuple[HandModel, dict[str, ObjectModel]]:
     """The hand and the objects by id; those that cannot be prepared are added to `failed`."""
-    from dmfc.hand.model import HandModel
-    from dmfc.objects.model import ObjectModel
-
     hand = session.builder.hand(session.config)
     outcomes = session.make([hand, *stages])
     require(outcomes, [hand])
     failed |= failures(outcomes, stages)
     folders = [session.ledger.folder(s.address) for s in stages if s.name not in failed]
-    models = [ObjectModel.load(folder / "object.npz") for folder in folders]
-    loaded = HandModel.load(session.ledger.folder(hand.address) / "hand.npz")
-    return loaded, {model.id: model for model in models}
+    return load_hand(session.ledger.folder(hand.address)), dict(Objects(folders))
 
 
 def _measure(

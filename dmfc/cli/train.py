@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -41,9 +40,11 @@ def train(
     if replay is not None:
         _replay_batch(session, built, replay, as_json)
         return
+    from dmfc.pipeline.artifacts import load_metrics
+
     require(session.make([built]), [built])
     folder = session.ledger.folder(built.address)
-    lines = [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
+    lines = load_metrics(folder)
     if as_json:
         answer({"stage": built.address, "folder": str(folder), "metrics": lines})
         return

@@ -23,6 +23,7 @@ from dmfc.execution.candidates import (
 from dmfc.execution.diversity import diversity
 from dmfc.execution.outcome import Outcome
 from dmfc.execution.trial import TrialRunner
+from dmfc.execution.trial_files import DIVERSITY, TRIALS
 from dmfc.geometry.transforms import transform
 from dmfc.grasps.grasp_set import GraspSet
 from dmfc.hand.description import HandDescription
@@ -36,7 +37,6 @@ from dmfc.scenes.scene_set import Scene, SceneSet
 
 Row = Literal["model", "planner", "random"]
 Progress = Callable[[float, str], None]
-TRIALS, DIVERSITY = "trials.parquet", "diversity.parquet"
 TABLE_SIZE = 2.0
 """Side of the table that pictures show, metres; for contacts it has no end."""
 

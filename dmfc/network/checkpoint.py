@@ -16,11 +16,8 @@ from dmfc.config.network import NetworkConfig
 from dmfc.errors import DmfcError, one_line
 from dmfc.hand.model import HandModel
 from dmfc.network.model import DmfcGraspNet
+from dmfc.network.model_files import CONFIG, WEIGHTS
 
-WEIGHTS = "weights.safetensors"
-METRICS = "metrics.jsonl"
-CONFIG = "config.yaml"
-SUMMARY = "summary.json"
 _BROKEN = (OSError, AttributeError, ValueError, SafetensorError, OmegaConfBaseException)
 """What reading a folder raises that holds no trained network."""
 

@@ -23,11 +23,10 @@ from dmfc.errors import DmfcError
 from dmfc.files.digest import file_digest
 from dmfc.grasps.library import in_library, library_file, library_folder
 from dmfc.hand.description import own_hand_digest
+from dmfc.network.model_files import WEIGHTS
 from dmfc.pipeline.kinds import KINDS
 
 T = TypeVar("T")
-WEIGHTS = "weights.safetensors"
-"""The file by which a trained model is known."""
 HARD_SAMPLES = "hard_samples", "hard_error", "hard_scope", "rank_points"
 """Settings of `training` that choose hard samples."""
 Inputs = dict[str, Stage | tuple[Stage, ...]]

@@ -15,7 +15,7 @@ from dmfc.engine.ledger import Ledger
 from dmfc.engine.stage import Stage
 from dmfc.engine.watch import Progress, duration
 from dmfc.engine.worker import Job, Outcome
-from dmfc.report.collect import TRIALS
+from dmfc.pipeline.artifacts import load_trials
 from dmfc.report.rates import Rate
 
 LINES = 30
@@ -74,11 +74,9 @@ class Board(Progress):
     def _add(self, line: _Line, address: str) -> None:
         line.done.add(address)
         if address.startswith("evaluate/"):
-            import pyarrow.parquet as pq
-
-            held = pq.read_table(self._ledger.folder(address) / TRIALS, columns=["held"])
-            line.held += sum(held["held"].to_pylist())
-            line.trials += len(held)
+            rows = load_trials(self._ledger.folder(address), ["held"])
+            line.held += int(rows["held"].sum())
+            line.trials += len(rows)
 
     def _shown(self) -> RenderableType:
         return Group(super()._shown(), self.cells())

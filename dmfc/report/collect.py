@@ -7,17 +7,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-
 from dmfc.engine.ledger import Ledger
 from dmfc.errors import DmfcError, unknown_name
 from dmfc.files.atomic import write_json
+from dmfc.pipeline.artifacts import TRIALS, load_trials
 from dmfc.report.formats import to_csv, to_json, to_latex, to_markdown
 from dmfc.report.rates import concatenate
 from dmfc.report.table import CellRows, SweepTable, make_table
 from dmfc.report.trials import SearchTrial, read_trials, trials_to_csv
-
-TRIALS = "trials.parquet"
 
 
 def list_sweeps(ledger: Ledger) -> list[str]:
@@ -104,7 +101,7 @@ def cell_rows(ledger: Ledger, cell: Mapping[str, Any], failures: Mapping[str, st
     parts, missing = [], []
     for address in cell["evaluations"]:
         if ledger.finished(address):
-            parts.append(_read_rows(ledger.folder(address) / TRIALS))
+            parts.append(load_trials(ledger.folder(address)))
         else:
             missing.append(failures.get(address, "not run yet"))
     failure = ""
@@ -120,10 +117,3 @@ def cell_rows(ledger: Ledger, cell: Mapping[str, Any], failures: Mapping[str, st
         paper={name: (pair[0], pair[1]) for name, pair in cell["paper"].items()},
         failure=failure,
     )
-
-
-def _read_rows(path: Path) -> pd.DataFrame:
-    try:
-        return pd.read_parquet(path)
-    except (OSError, ValueError) as error:
-        raise DmfcError(f"trial rows '{path}' cannot be read: {error}") from error

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,8 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from dmfc.engine.ledger import Ledger
+from dmfc.pipeline.artifacts import load_metrics
 
-METRICS = "metrics.jsonl"
 STAGES = ("pretrain", "finetune")
 
 
@@ -27,7 +26,7 @@ def draw_curves(ledger: Ledger, sweep: Mapping[str, Any], path: Path) -> bool:
             stage = address.partition("/")[0]
             shared = stage == "pretrain"
             name = "all cells" if shared else cell["label"]
-            points = _losses(ledger.folder(address) / METRICS)
+            points = _losses(ledger.folder(address))
             curves[stage].setdefault(address, (f"{name}, seed {cell['seed']}", points))
     panels = [stage for stage in STAGES if curves[stage]]
     if not panels:
@@ -56,7 +55,7 @@ def draw_curves(ledger: Ledger, sweep: Mapping[str, Any], path: Path) -> bool:
     return True
 
 
-def _losses(path: Path) -> list[tuple[int, float]]:
+def _losses(folder: Path) -> list[tuple[int, float]]:
     """Epochs (from 1) and the training loss of each."""
-    lines = [json.loads(line) for line in path.read_text().splitlines()]
+    lines = load_metrics(folder)
     return [(line["epoch"] + 1, line["loss"]) for line in lines if line["split"] == "train"]

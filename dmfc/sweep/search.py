@@ -15,7 +15,6 @@ state but its trials' settings: it goes on after any death, on any machine that 
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -24,11 +23,11 @@ from typing import Any
 from dmfc.config.validation import MEASURES
 from dmfc.engine.ledger import Ledger
 from dmfc.errors import DmfcError, unknown_name
+from dmfc.pipeline.artifacts import load_metrics
 from dmfc.sweep.yaml_checks import mapping, only_keys
 
 DIGITS = 4
 """Significant digits of a suggested number: what a person can read, and copy into a sweep file."""
-METRICS = "metrics.jsonl"
 Settings = Mapping[str, Any]
 
 
@@ -118,8 +117,7 @@ def suggest(
 
 def measures_of(ledger: Ledger, model: str) -> dict[str, float]:
     """What the last validation of a finished model measured, by name."""
-    path = ledger.folder(model) / METRICS
-    lines = [json.loads(line) for line in path.read_text().splitlines()]
+    lines = load_metrics(ledger.folder(model))
     last = [line for line in lines if line["split"] == "val"][-1:]
     return {name: float(line[name]) for line in last for name in MEASURES if name in line}
 

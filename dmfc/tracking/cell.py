@@ -14,14 +14,16 @@ from typing import Any
 import yaml
 
 from dmfc.engine.context import read_attempt, read_progress
+from dmfc.engine.digest import RECORD
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.state import SweepState
 from dmfc.engine.system import SAMPLES, read_lines
 from dmfc.errors import DmfcError
+from dmfc.pipeline.artifacts import METRICS, SUMMARY, TRIALS
 from dmfc.report.collect import cell_rows
 from dmfc.report.rates import rates
 from dmfc.report.table import NAMES
-from dmfc.sweep.search import METRICS, objective_of
+from dmfc.sweep.search import objective_of
 
 PARAM_LENGTH = 250
 """MLflow cuts longer values; the whole of them is in config.yaml."""
@@ -204,7 +206,7 @@ def _files(ledger: Ledger, wanted: list[str]) -> Iterator[tuple[Path, str | None
                 yield picture, "scenes"
     for place, address in there:
         folder, where = ledger.folder(address), f"{place:02d}-{address.split('/')[0]}"
-        for name in ("trials.parquet", "summary.json", METRICS, "stage.json"):
+        for name in (TRIALS, SUMMARY, METRICS, RECORD):
             if (folder / name).is_file():
                 yield folder / name, where
         for picture in sorted(folder.rglob("*.png"))[:PICTURES]:
