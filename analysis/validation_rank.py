@@ -41,15 +41,15 @@ class Model:
 def models_of(ledger: Ledger, sweep_id: str) -> list[Model]:
     """The cells that were both validated and executed."""
     found = []
-    for cell in read_sweep(ledger, sweep_id)["cells"]:
-        if not cell["model"] or not ledger.finished(cell["model"]):
+    for cell in read_sweep(ledger, sweep_id).cells:
+        if not cell.model or not ledger.finished(cell.model):
             continue
-        metrics = load_metrics(ledger.folder(cell["model"]))
+        metrics = load_metrics(ledger.folder(cell.model))
         validated = [row for row in metrics if row["split"] == "val"]
         executed = cell_rows(ledger, cell, {})
         if validated and not executed.failure:
             measured = {name: validated[-1][name] for name in MEASURES if name in validated[-1]}
-            found.append(Model(cell["name"], measured, rates(executed.rows, int(executed.trials))))
+            found.append(Model(cell.name, measured, rates(executed.rows, int(executed.trials))))
     return found
 
 

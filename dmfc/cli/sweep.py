@@ -104,8 +104,8 @@ def status(
                 "sweep": sweep_id,
                 "status": state.status,
                 "drivers": list(state.drivers),
-                "stages": counts(ledger, described),
-                "running": [dataclasses.asdict(item) for item in running(ledger, described)],
+                "stages": counts(ledger, described.stages),
+                "running": [dataclasses.asdict(item) for item in running(ledger, described.stages)],
                 "failures": dict(state.failures),
             }
         )

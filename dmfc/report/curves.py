@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -12,22 +10,23 @@ from matplotlib.ticker import MaxNLocator
 
 from dmfc.engine.ledger import Ledger
 from dmfc.pipeline.artifacts import load_metrics
+from dmfc.sweep.record import SweepRecord
 
 STAGES = ("pretrain", "finetune")
 
 
-def draw_curves(ledger: Ledger, sweep: Mapping[str, Any], path: Path) -> bool:
+def draw_curves(ledger: Ledger, sweep: SweepRecord, path: Path) -> bool:
     """Write the picture as PNG: a panel per stage. False, and no picture, if no model is there."""
     curves: dict[str, dict[str, tuple[str, list[tuple[int, float]]]]] = {s: {} for s in STAGES}
-    for cell in sweep["cells"]:
-        for address in (cell["pretrain"], cell["model"]):
+    for cell in sweep.cells:
+        for address in (cell.pretrain, cell.model):
             if not address or not ledger.finished(address):
                 continue
             stage = address.partition("/")[0]
             shared = stage == "pretrain"
-            name = "all cells" if shared else cell["label"]
+            name = "all cells" if shared else cell.label
             points = _losses(ledger.folder(address))
-            curves[stage].setdefault(address, (f"{name}, seed {cell['seed']}", points))
+            curves[stage].setdefault(address, (f"{name}, seed {cell.seed}", points))
     panels = [stage for stage in STAGES if curves[stage]]
     if not panels:
         return False

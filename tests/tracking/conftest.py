@@ -37,7 +37,7 @@ class FinishedSweep:
         plan.write(self.ledger)
         outcomes = run_stages(plan.targets, self.ledger, plan.config, kinds=FAKES, local=True)
         failures = {a: outcome.reason for a, outcome in outcomes.items() if not outcome.ok}
-        self.description = plan.describe()
+        self.description = plan.record()
         self.id = plan.id
         self.folder = plan.folder(self.ledger)
         self.table = table_of(self.ledger, self.description, failures)
