@@ -125,7 +125,7 @@ def test_loader(benchmark, loader, workers, tell):
         count = 0
         for epoch in range(4):
             batches.sampler.set_epoch(epoch)
-            count += sum(len(batch["scene"]) for batch in batches)
+            count += sum(len(batch.scene_number) for batch in batches)
         return count
 
     next(iter(batches))
