@@ -103,9 +103,7 @@ class Evaluation:
             if trial < len(candidates):
                 which = int(candidates.object_index[trial])
                 target, confidence = scene.object_ids[which], float(candidates.confidence[trial])
-                outcome = runner.run(
-                    candidates.T_world_palm(trial), candidates.joints[trial], which
-                )
+                outcome = runner.run(candidates.T[trial], candidates.joints[trial], which)
             yield {
                 "scene": scene.scene,
                 "trial": trial,

@@ -76,7 +76,7 @@ def plan(
             worse = way.rate < 0.5 * max(other.rate for other in ways)
             if worse or checked >= config.max_checks or len(found) >= wanted:
                 break
-            if _is_near(candidate.T_object_palm[0], found, config.min_distance):
+            if _is_near(candidate.T[0], found, config.min_distance):
                 continue
             checked += 1
             hit = way.attempt(candidate)
@@ -171,7 +171,7 @@ class _Way(ABC):
         """A batch, one by one, the most promising first."""
         batch = self._batch(generator)
         self.proposed += self.config.batch
-        best = np.argsort(-self.score(batch.T_object_palm, batch.joints), kind="stable")
+        best = np.argsort(-self.score(batch.T, batch.joints), kind="stable")
         kept = batch[best[: max(1, round(self.config.keep * len(batch)))]]
         for row in range(len(kept)):
             yield kept[row : row + 1]
@@ -199,7 +199,7 @@ class _Closed(_Way):
 
     def _attempt(self, candidate: Candidates) -> _Found | None:
         pose = int(candidate.stable_pose[0])
-        return self.trials.verified(candidate.T_object_palm[0], candidate.joints[0], pose)
+        return self.trials.verified(candidate.T[0], candidate.joints[0], pose)
 
 
 class _Seated(_Way):
@@ -209,7 +209,7 @@ class _Seated(_Way):
         return self.trials.proposer.draw_open(self.config.batch, generator)
 
     def _attempt(self, candidate: Candidates) -> _Found | None:
-        seated = self.trials.seated(candidate.T_object_palm[0], candidate.preshape[0])
+        seated = self.trials.seated(candidate.T[0], candidate.preshape[0])
         if seated is None:
             return None
         reached = self.trials.proposer.reached(*seated)

@@ -12,8 +12,8 @@ import numpy as np
 import torch
 
 from dmfc.config.grasps import GraspsConfig
-from dmfc.geometry.transforms import transform
 from dmfc.grasps import hand_kernel
+from dmfc.grasps.grasps import Grasps
 from dmfc.hand.description import HandDescription
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.model import HandModel
@@ -21,32 +21,18 @@ from dmfc.objects.model import ObjectModel
 
 
 @dataclass(frozen=True)
-class Candidates:
-    """B hands that touch the object. Object frame; float64."""
+class Candidates(Grasps):
+    """B hands in the object's frame, each finger closed until it touches.
 
-    position: np.ndarray
-    """[B, 3] palm origin, metres."""
-    rotation: np.ndarray
-    """[B, 3, 3] R_object_palm."""
+    A finger that never does stays open.
+    """
+
     preshape: np.ndarray
     """[B, D] rad, before the fingers close; free of the object."""
-    joints: np.ndarray
-    """[B, D] rad, each finger closed until it touches; one that never does stays open."""
     touching: np.ndarray
     """[B, F] bool, fingers that touch."""
     stable_pose: np.ndarray
     """[B] stable pose of the object in which the hand keeps off the table; -1: not asked for."""
-
-    def __len__(self) -> int:
-        return len(self.position)
-
-    @property
-    def T_object_palm(self) -> np.ndarray:
-        """[B, 4, 4]."""
-        return transform(self.rotation, self.position)
-
-    def __getitem__(self, rows: np.ndarray | slice) -> Candidates:
-        return Candidates(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
 
 
 class Proposer:
