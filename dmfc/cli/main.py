@@ -12,7 +12,6 @@ from dmfc.cli import (
     doctor,
     evaluate,
     exchange,
-    grasp_stats,
     grasps,
     objects,
     predict,
@@ -36,7 +35,6 @@ app = typer.Typer(
 app.command()(doctor.doctor)
 app.add_typer(assets.assets, name="assets")
 app.add_typer(objects.objects, name="objects")
-grasps.grasps.command("stats")(grasp_stats.grasps_stats)
 grasps.grasps.command("import")(exchange.grasps_import)
 grasps.grasps.command("export")(exchange.grasps_export)
 app.add_typer(grasps.grasps, name="grasps")
