@@ -25,14 +25,14 @@ from dmfc.execution.diversity import diversity
 from dmfc.execution.outcome import Outcome
 from dmfc.execution.selection import Levels, Selection, select
 from dmfc.execution.trial import TrialRunner
-from dmfc.geometry.transforms import transform
+from dmfc.execution.trial_files import DIVERSITY, TRIALS
 from dmfc.grasps.grasp_set import GraspSet
 from dmfc.hand.description import HandDescription
 from dmfc.hand.model import HandModel
 from dmfc.network.inference import predict
 from dmfc.network.model import DmfcGraspNet
 from dmfc.objects.model import ObjectModel
-from dmfc.outcome.features import FeatureMaker, Grasps
+from dmfc.outcome.features import FeatureMaker, SeededGrasps
 from dmfc.outcome.judge import Judge
 from dmfc.physics.world import World
 from dmfc.prediction.cloud_check import CloudCheck
@@ -40,7 +40,6 @@ from dmfc.scenes.scene_set import Scene, SceneSet
 
 Row = Literal["model", "planner", "random"]
 Progress = Callable[[float, str], None]
-TRIALS, DIVERSITY = "trials.parquet", "diversity.parquet"
 TABLE_SIZE = 2.0
 """Side of the table that pictures show, metres; for contacts it has no end."""
 
@@ -94,14 +93,14 @@ class Evaluation:
             return proposed
         # The predictor knows a network's confidence; other rows have none of the kind.
         confidence = proposed.confidence if self.network else np.full(len(proposed), np.nan)
-        grasps = Grasps(
+        grasps = SeededGrasps(
             proposed.position, proposed.rotation, proposed.joints, proposed.seed_point, confidence
         )
         if self.judge is None:
             return replace(proposed, held=self._opposition(grasps, scene.points))
         return replace(proposed, held=self.judge(grasps, scene.points).held)
 
-    def _opposition(self, grasps: Grasps, points: np.ndarray) -> np.ndarray:
+    def _opposition(self, grasps: SeededGrasps, points: np.ndarray) -> np.ndarray:
         """[n] in [0, 1]: 1 where thumb and fingers would press against each other."""
         column = self._features.names.index("opposed")
         return (1.0 + self._features(grasps, points)[:, column].astype(np.float64)) / 2
@@ -115,8 +114,7 @@ class Evaluation:
             return None
 
         def levels(grasps: GraspCandidates) -> np.ndarray:
-            T_world_palm = transform(grasps.rotation, grasps.position)
-            found = self.cloud_check.depths(T_world_palm, grasps.joints, scene.points)
+            found = self.cloud_check.depths(grasps.T, grasps.joints, scene.points)
             passes = self.cloud_check.passes
             return passes(found).astype(int) + passes(found, self.config.cloud_margin)
 
@@ -144,9 +142,7 @@ class Evaluation:
             if trial < len(candidates):
                 which = int(candidates.object_index[trial])
                 target = scene.object_ids[which]
-                outcome = runner.run(
-                    candidates.T_world_palm(trial), candidates.joints[trial], which
-                )
+                outcome = runner.run(candidates.T[trial], candidates.joints[trial], which)
             yield {
                 "scene": scene.scene,
                 "trial": trial,

@@ -19,7 +19,6 @@ from dmfc.config.outcome import RolloutsConfig
 from dmfc.execution.candidates import GraspCandidates
 from dmfc.execution.columns import grasp_columns
 from dmfc.execution.evaluate import Evaluation, Progress
-from dmfc.geometry.transforms import transform
 from dmfc.scenes.scene_set import Scene
 
 ROLLOUTS = "rollouts.parquet"
@@ -56,7 +55,7 @@ def _scene_rows(
     for choice, chosen in choices.items():
         for row in chosen:
             target = int(proposed.object_index[row])
-            outcome = runner.run(proposed.T_world_palm(row), proposed.joints[row], target)
+            outcome = runner.run(proposed.T[row], proposed.joints[row], target)
             yield {
                 "scene": scene.scene,
                 "trial": trial,
@@ -98,8 +97,7 @@ def _looked_at(
             break
         rows = order[first : first + CHUNK]
         some = proposed[rows]
-        T_world_palm = transform(some.rotation, some.position)
-        found = evaluation.cloud_check.clear(T_world_palm, some.joints, scene.points)
+        found = evaluation.cloud_check.clear(some.T, some.joints, scene.points)
         passed += rows[found].tolist()
         stopped += rows[~found].tolist()
     return passed[:clear], stopped[:refused]

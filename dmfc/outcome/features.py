@@ -14,6 +14,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from dmfc.grasps.grasps import Grasps
 from dmfc.hand.model import HandModel
 from dmfc.hand.pose_kernel import link_poses
 from dmfc.outcome.cells_kernel import fill_cells
@@ -40,22 +41,13 @@ FRICTION, TORQUE_WEIGHT = 0.7, 10.0
 
 
 @dataclass(frozen=True)
-class Grasps:
-    """n grasps in a scene, as features need them; float64, metres, rad, world frame (z up)."""
+class SeededGrasps(Grasps):
+    """n grasps in a scene, as features need them; world frame, z up."""
 
-    position: np.ndarray
-    """[n, 3] palm origin."""
-    rotation: np.ndarray
-    """[n, 3, 3] R_world_palm."""
-    joints: np.ndarray
-    """[n, D]."""
     seed_point: np.ndarray
     """[n] i64 point of the cloud that each was proposed at."""
     confidence: np.ndarray
     """[n] of the network; NaN where there was none."""
-
-    def __len__(self) -> int:
-        return len(self.position)
 
 
 class FeatureMaker:
@@ -71,7 +63,7 @@ class FeatureMaker:
         """Groups of links: the palm, then the fingers."""
         return int(_finger_of_link(self.hand).max()) + 1
 
-    def __call__(self, grasps: Grasps, points: np.ndarray) -> np.ndarray:
+    def __call__(self, grasps: SeededGrasps, points: np.ndarray) -> np.ndarray:
         """[n, F] float32 of grasps in a cloud [N, 3] that stands on the table z = 0."""
         cloud = _Cloud(np.ascontiguousarray(points, dtype=np.float64))
         if not len(grasps):
@@ -117,7 +109,7 @@ class FeatureMaker:
         up, height = grasps.rotation[:, 2, :], grasps.position[:, 2:]
         return np.concatenate([logit[:, None], up, height, grasps.joints], axis=1)
 
-    def _gaps(self, grasps: Grasps, cloud: _Cloud) -> np.ndarray:
+    def _gaps(self, grasps: SeededGrasps, cloud: _Cloud) -> np.ndarray:
         """Per link with inner points: how far it is from the cloud, closed and open."""
         hand, count = self.hand, len(grasps)
         joints = np.clip(grasps.joints, hand.lower, hand.upper)
@@ -145,7 +137,7 @@ class FeatureMaker:
             out[:, bone] = np.minimum(out[:, bone], values[:, v])
         return out
 
-    def _closure(self, grasps: Grasps, cloud: _Cloud) -> np.ndarray:
+    def _closure(self, grasps: SeededGrasps, cloud: _Cloud) -> np.ndarray:
         """Where fingers stop when they close on the cloud, and what such contacts could resist."""
         hand, count, inner = self.hand, len(grasps), len(self.hand.inner_link)
         poses = self._closing(grasps.joints)
@@ -171,7 +163,7 @@ class FeatureMaker:
 
     def _told(
         self,
-        grasps: Grasps,
+        grasps: SeededGrasps,
         cloud: _Cloud,
         stop: np.ndarray,
         touched: np.ndarray,
@@ -215,7 +207,7 @@ class FeatureMaker:
             axis=1,
         )
 
-    def _object(self, grasps: Grasps, cloud: _Cloud) -> np.ndarray:
+    def _object(self, grasps: SeededGrasps, cloud: _Cloud) -> np.ndarray:
         """The object that hangs together with the seed point, from the palm."""
         ahead = self.hand.palm_reference + GRIP * self.hand.palm_normal
         R, t = np.ascontiguousarray(grasps.rotation), np.ascontiguousarray(grasps.position)
@@ -253,7 +245,7 @@ def _size(points: np.ndarray) -> np.ndarray:
     return np.array([points[:, 2].max(), spread[1], spread[0]])
 
 
-def _in_palm(grasps: Grasps, points: np.ndarray) -> np.ndarray:
+def _in_palm(grasps: SeededGrasps, points: np.ndarray) -> np.ndarray:
     """Points [n, 3] of the world in the palm frames [n, 3]."""
     return np.einsum("nij,ni->nj", grasps.rotation, points - grasps.position)
 

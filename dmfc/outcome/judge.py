@@ -17,7 +17,7 @@ from dmfc.config.outcome import OutcomeConfig
 from dmfc.errors import DmfcError
 from dmfc.hand.model import HandModel
 from dmfc.outcome import features
-from dmfc.outcome.features import FeatureMaker, Grasps
+from dmfc.outcome.features import FeatureMaker, SeededGrasps
 from dmfc.outcome.network import OutcomeNet
 from dmfc.outcome.report import Report
 
@@ -91,7 +91,7 @@ class Judge:
         return self.features.hand.name
 
     @torch.inference_mode()
-    def __call__(self, grasps: Grasps, points: np.ndarray) -> Verdict:
+    def __call__(self, grasps: SeededGrasps, points: np.ndarray) -> Verdict:
         """Of grasps among points [N, 3] seen on objects on the table z = 0."""
         made = torch.from_numpy(self.features(grasps, points))
         said = self.net(made).double().numpy()

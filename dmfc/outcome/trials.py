@@ -11,7 +11,7 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from dmfc.errors import DmfcError
-from dmfc.outcome.features import FeatureMaker, Grasps
+from dmfc.outcome.features import FeatureMaker, SeededGrasps
 from dmfc.scenes.scene_set import SceneSet
 
 POSITION = ("palm_x", "palm_y", "palm_z")
@@ -25,11 +25,11 @@ def joint_columns(dofs: int) -> list[str]:
     return [f"joint_{k:02d}" for k in range(dofs)]
 
 
-def grasps_of(rows: pd.DataFrame) -> Grasps:
+def grasps_of(rows: pd.DataFrame) -> SeededGrasps:
     """The grasps of rows of a trial table that have one."""
     joints = [name for name in rows if str(name).startswith("joint_")]
     turn = np.roll(rows[list(QUATERNION)].to_numpy(np.float64), -1, axis=1)
-    return Grasps(
+    return SeededGrasps(
         position=rows[list(POSITION)].to_numpy(np.float64),
         rotation=Rotation.from_quat(turn).as_matrix().reshape(-1, 3, 3),
         joints=rows[joints].to_numpy(np.float64),

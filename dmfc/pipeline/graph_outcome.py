@@ -13,12 +13,11 @@ from dmfc.config.schema import Config
 from dmfc.engine.stage import Stage, without
 from dmfc.errors import DmfcError
 from dmfc.files.digest import file_digest
+from dmfc.network.model_files import WEIGHTS
 
 if TYPE_CHECKING:
     from dmfc.pipeline.graph import GraphBuilder, Inputs
 
-WEIGHTS = "weights.safetensors"
-"""The file by which a trained model is known."""
 JUDGE = "outcome.safetensors"
 """The file by which an outcome predictor is known."""
 SELECTION = (

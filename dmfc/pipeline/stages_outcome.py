@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from dmfc.engine.context import StageContext
-from dmfc.pipeline.stages import HAND, SCENES, Objects, evaluation_of, hand_with, present
+from dmfc.pipeline.artifacts import SCENES, Objects, load_hand
+from dmfc.pipeline.stages import evaluation_of, hand_with, present
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -14,7 +15,6 @@ if TYPE_CHECKING:
 def rollouts(ctx: StageContext) -> None:
     """rollouts: `scenes.parquet`, `rollouts.parquet` with the trials in them. May fail."""
     from dmfc.execution.rollouts import roll_out
-    from dmfc.hand.model import HandModel
     from dmfc.scenes.make import make_scene_file
 
     objects = present(ctx.input_list("objects"))
@@ -25,7 +25,7 @@ def rollouts(ctx: StageContext) -> None:
         numbers,
         Objects(objects),
         None,
-        HandModel.load(ctx.input("hand") / HAND),
+        load_hand(ctx.input("hand")),
         ctx.out / SCENES,
     )
     inputs: dict[str, Path | list[Path]] = {**ctx.inputs, "scenes": ctx.out, "objects": objects}

@@ -19,7 +19,7 @@ from dmfc.hand.description import load_description
 from dmfc.network.checkpoint import load_alone
 from dmfc.network.inference import PredictedGrasps, predict
 from dmfc.network.model import DmfcGraspNet
-from dmfc.outcome.features import Grasps
+from dmfc.outcome.features import SeededGrasps
 from dmfc.outcome.judge import Judge, has_judge
 from dmfc.prediction.checks import CheckedCloud, check_cloud, require_points
 from dmfc.prediction.models import model_folder
@@ -109,10 +109,11 @@ class GraspPlanner:
         if judge is not None:
             confidence = judge(_on_table(found, height), seen - height).held
             once = once[np.argsort(-confidence[once], kind="stable")]
-        T_cloud_palm = transform(R_scene_cloud.T @ found.rotation, found.position @ R_scene_cloud)
+        grasps = found[once].in_frame(transform(R_scene_cloud.T, np.zeros(3)))
         return RankedGrasps(
-            T_cloud_palm[once],
-            found.joints[once],
+            grasps.position,
+            grasps.rotation,
+            grasps.joints,
             confidence[once],
             point[once],
             self.dof_names,
@@ -137,9 +138,9 @@ class GraspPlanner:
         return CloudCheck(build_hand(HandConfig(name=self.hand)), ExecutionConfig())
 
 
-def _on_table(found: PredictedGrasps, height: np.ndarray) -> Grasps:
+def _on_table(found: PredictedGrasps, height: np.ndarray) -> SeededGrasps:
     """Predictions as a judge knows them, with the table at [0, 0, z] moved to z = 0."""
-    return Grasps(
+    return SeededGrasps(
         found.position - height, found.rotation, found.joints, found.seed_index, found.confidence
     )
 

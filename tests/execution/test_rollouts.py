@@ -63,7 +63,7 @@ def test_rows_are_of_the_grasps_that_were_executed(planner: Evaluation, tmp_path
     np.testing.assert_allclose(grasps.rotation, labels.rotation[which], atol=1e-12)
     np.testing.assert_allclose(grasps.joints, labels.joints[which], atol=1e-12)
     runner = evaluation.open(scene)
-    again = runner.plan(labels.T_world_palm(which[0]), labels.joints[which[0]], 0)[1]
+    again = runner.plan(labels.T[which[0]], labels.joints[which[0]], 0)[1]
     assert again.planned == rows["planned"].iloc[0]
 
 

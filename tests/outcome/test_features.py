@@ -11,17 +11,17 @@ from scipy.spatial.transform import Rotation
 
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.model import HandModel
-from dmfc.outcome.features import REACH, FeatureMaker, Grasps
+from dmfc.outcome.features import REACH, FeatureMaker, SeededGrasps
 from tests.support.execution_shapes import standing
 from tests.support.grasp_shapes import planned, shape
 
 
-def grasps_of(name: str, rows: slice, cloud: np.ndarray) -> Grasps:
+def grasps_of(name: str, rows: slice, cloud: np.ndarray) -> SeededGrasps:
     found, T = planned(name), standing(name)
     T_world_palm = (T @ found.T_object_palm)[rows]
     reference = T_world_palm[:, :3, 3]
     gap = np.linalg.norm(cloud[None] - reference[:, None], axis=2)
-    return Grasps(
+    return SeededGrasps(
         position=reference,
         rotation=T_world_palm[:, :3, :3],
         joints=found.joints[rows],

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from dmfc.config.outcome import OutcomeConfig
 from dmfc.errors import DmfcError
-from dmfc.outcome.features import FeatureMaker, Grasps
+from dmfc.outcome.features import FeatureMaker, SeededGrasps
 from dmfc.outcome.fit import fit
 from dmfc.outcome.judge import Judge, save_judge
 from dmfc.outcome.network import OutcomeNet
@@ -48,7 +48,7 @@ def test_the_confidence_is_the_predictors_and_ranks(judged, blob):
     assert (np.diff(found.confidence) <= 0).all()
     assert found.confidence.std() > 1e-3
     height = np.array([0, 0, points[:, 2].min()])
-    grasps = Grasps(
+    grasps = SeededGrasps(
         own.T_cloud_palm[:, :3, 3] - height,
         own.T_cloud_palm[:, :3, :3],
         own.joints,
