@@ -1,7 +1,9 @@
-"""The record of one object that can be prepared, wherever it comes from."""
+"""The record of one object that can be prepared, wherever it comes from, and its name."""
 
 from __future__ import annotations
 
+import re
+import unicodedata
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -32,3 +34,12 @@ class ObjectSource:
     def load(self) -> trimesh.Trimesh:
         """The mesh as the source has it, in metres. Raises DmfcError if it cannot be read."""
         return self.loader()
+
+
+def as_name(text: str) -> str:
+    """A text as an object's name: letters, marks and digits of any script, and _ . - stay."""
+    kept = [
+        letter if letter in "_.-" or unicodedata.category(letter)[0] in "LMN" else " "
+        for letter in unicodedata.normalize("NFC", text)
+    ]
+    return re.sub(" +", "-", "".join(kept))
