@@ -37,9 +37,9 @@ class SweepResult:
     @property
     def trials(self) -> pd.DataFrame:
         """A row per executed grasp of every cell; the columns `cell` and `seed` say whose."""
-        import pandas as pd
+        from dmfc.pipeline.artifacts import load_trials
 
-        return pd.read_parquet(self.folder / "trials.parquet")
+        return load_trials(self.folder)
 
     @property
     def rates(self) -> pd.DataFrame:

@@ -9,14 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 from dmfc.errors import DmfcError, unknown_name
 from dmfc.experiment.session import Session, require
-from dmfc.pipeline.artifacts import (
-    DIVERSITY,
-    SUMMARY,
-    TRIALS,
-    WEIGHTS,
-    load_diversity,
-    load_trials,
-)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -68,6 +60,7 @@ class Evaluation:
     def write(self, folder: Path) -> None:
         """Write trials.parquet, diversity.parquet, summary.json and failures.png into `folder`."""
         from dmfc.files.atomic import write_json
+        from dmfc.pipeline.artifacts import DIVERSITY, SUMMARY, TRIALS
         from dmfc.report.failures import draw_failures
 
         folder.mkdir(parents=True, exist_ok=True)
@@ -96,6 +89,7 @@ def read_evaluation(
     """The rows of finished evaluation stages, and their rates."""
     import pandas as pd
 
+    from dmfc.pipeline.artifacts import TRIALS, load_diversity, load_trials
     from dmfc.report.rates import concatenate
     from dmfc.report.table import CellRows, make_table
 
@@ -124,6 +118,8 @@ def read_trials(text: str) -> pd.DataFrame:
     """Trial rows of 'FILE', 'FOLDER' or 'FILE:CELL'. Raises DmfcError where there are none."""
     import pandas as pd
 
+    from dmfc.pipeline.artifacts import TRIALS
+
     name, _, cell = text.partition(":")
     path = Path(name) / TRIALS if Path(name).is_dir() else Path(name)
     if not path.is_file():
@@ -140,6 +136,7 @@ def read_trials(text: str) -> pd.DataFrame:
 def _source(source: str) -> tuple[Path | None, dict[str, Path]]:
     """A trained model's folder, or the files of grasp sets by object; neither for a known name."""
     from dmfc.grasps.grasp_set import GraspSet
+    from dmfc.pipeline.artifacts import WEIGHTS
     from dmfc.sweep.sweep_file import MODELS
 
     path = Path(source)

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 from dmfc.errors import unknown_name
 from dmfc.experiment.session import Session, require
-from dmfc.pipeline.artifacts import load_metrics
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -39,6 +38,8 @@ class TrainedModel:
     @property
     def epochs(self) -> list[dict[str, Any]]:
         """The rows of `metrics` as dictionaries."""
+        from dmfc.pipeline.artifacts import load_metrics
+
         return load_metrics(self.folder)
 
     def planner(self) -> GraspPlanner:
