@@ -16,7 +16,7 @@ from omegaconf.errors import OmegaConfBaseException
 from dmfc.config.plain_yaml import parse_yaml, read_yaml
 from dmfc.config.ranges import all_types, fault
 from dmfc.config.schema import Config
-from dmfc.errors import DmfcError, unknown_name
+from dmfc.errors import DmfcError, first_line, unknown_name
 
 T = TypeVar("T")
 LIKE = 0.7
