@@ -16,7 +16,7 @@ from omegaconf.errors import OmegaConfBaseException
 from dmfc.config.plain_yaml import parse_yaml, read_yaml
 from dmfc.config.ranges import all_types, fault
 from dmfc.config.schema import Config
-from dmfc.errors import DmfcError, unknown_name
+from dmfc.errors import DmfcError, first_line, unknown_name
 
 T = TypeVar("T")
 LIKE = 0.7
@@ -101,7 +101,7 @@ def _converted(key: str, raw: Any, current: Any, where: str) -> Any:
         merged = OmegaConf.merge(holder, {"value": raw})
         value = typing.cast(dict[str, Any], OmegaConf.to_container(merged, resolve=True))["value"]
     except (OmegaConfBaseException, TypeError, ValueError, OverflowError) as error:
-        raise _one_line(error, where, key, raw) from error
+        raise _explained(error, where, key, raw) from error
     wrong = fault(key, raw, value)
     if wrong:
         raise DmfcError(f"{where}: {key} {wrong}")
@@ -219,10 +219,10 @@ def _assign(root: dict[str, Any], key: str, value: Any, where: str) -> None:
     root[last] = value
 
 
-def _one_line(error: Exception, where: str, key: str, raw: Any) -> DmfcError:
+def _explained(error: Exception, where: str, key: str, raw: Any) -> DmfcError:
     """OmegaConf's several lines as one, with the key and what the key wants."""
     place = str(getattr(error, "full_key", None) or "value").removeprefix("value")
-    message = str(error).splitlines()[0].rstrip(".")
+    message = first_line(error).rstrip(".")
     if typing.get_origin(all_types()[key]) is list and not isinstance(raw, list):
         message = f"wants a list such as [a, b], not {raw!r}"
     return DmfcError(f"{where}: {key}{place}: {message}")
