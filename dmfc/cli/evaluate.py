@@ -162,7 +162,7 @@ def _report(
     from dmfc.report.rates import concatenate
     from dmfc.report.table import CellRows, make_table
 
-    folders = [session.ledger.folder(stage.address) for stage in stages]
+    folders = [session.ledger.verified(stage.address) for stage in stages]
     rows = concatenate([pd.read_parquet(folder / TRIALS) for folder in folders])
     spread = pd.concat([pd.read_parquet(folder / DIVERSITY) for folder in folders])
     config = session.config
@@ -176,13 +176,16 @@ def _report(
         "files": [str(folder / TRIALS) for folder in folders],
     }
     if out is not None:
-        from dmfc.files.atomic import write_json
+        from dmfc.files.atomic import write_json, written_whole
         from dmfc.report.failures import draw_failures
+        from dmfc.report.outputs import note_outputs
 
         out.mkdir(parents=True, exist_ok=True)
-        rows.to_parquet(out / TRIALS, index=False)
-        spread.to_parquet(out / DIVERSITY, index=False)
+        for name, table_of_rows in ((TRIALS, rows), (DIVERSITY, spread)):
+            with written_whole(out / name) as temporary:
+                table_of_rows.to_parquet(temporary, index=False)
         write_json(out / "summary.json", summary)
+        note_outputs(out, [TRIALS, DIVERSITY, "summary.json"])
         draw_failures(table, out / "failures.png")
     if as_json:
         answer(summary)
@@ -233,11 +236,19 @@ def _trial_rows(text: str) -> pd.DataFrame:
     """Rows of 'FILE' or 'FILE:CELL'."""
     import pandas as pd
 
+    from dmfc.engine.record import verified
+    from dmfc.report.outputs import whole_output
+
     name, _, cell = text.partition(":")
     path = Path(name) / "trials.parquet" if Path(name).is_dir() else Path(name)
     if not path.is_file():
         raise DmfcError(f"there are no trial rows at '{path}'")
-    rows = pd.read_parquet(path)
+    verified(path.parent)
+    whole_output(path, "`dmfc tables` or `dmfc evaluate` writes it again")
+    try:
+        rows = pd.read_parquet(path)
+    except (OSError, ValueError) as error:
+        raise DmfcError(f"trial rows '{path}' cannot be read: {error}") from error
     if not cell:
         return rows
     cells = list(rows["cell"].unique()) if "cell" in rows else []

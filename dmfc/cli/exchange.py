@@ -74,7 +74,7 @@ def grasps_import(
         raise DmfcError(f"--object {object_name} names {len(found)} objects, expected one")
     stages = [session.builder.hand(config), *found]
     require(session.make(stages), stages)
-    hand_folder, object_folder = (session.ledger.folder(stage.address) for stage in stages)
+    hand_folder, object_folder = (session.ledger.verified(stage.address) for stage in stages)
     hand, model = (
         HandModel.load(hand_folder / "hand.npz"),
         ObjectModel.load(object_folder / "object.npz"),
@@ -124,7 +124,7 @@ def grasps_export(
     failed = failures(outcomes, sets)
 
     def folder(stage: Stage) -> Path:
-        return session.ledger.folder(stage.address)
+        return session.ledger.verified(stage.address)
 
     hand = HandModel.load(folder(hand_stage) / "hand.npz")
     description = load_description(config.hand.name)

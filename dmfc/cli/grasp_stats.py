@@ -91,7 +91,7 @@ def load_sets(session: Session, stages: Sequence[Stage]) -> list[GraspSet]:
     """The grasp sets that finished stages hold."""
     from dmfc.grasps.grasp_set import GraspSet
 
-    return [GraspSet.load(session.ledger.folder(s.address) / "grasps.parquet") for s in stages]
+    return [GraspSet.load(session.ledger.verified(s.address) / "grasps.parquet") for s in stages]
 
 
 def set_rows(
@@ -137,9 +137,9 @@ def _prepared(
     outcomes = session.make([hand, *stages])
     require(outcomes, [hand])
     failed |= failures(outcomes, stages)
-    folders = [session.ledger.folder(s.address) for s in stages if s.name not in failed]
+    folders = [session.ledger.verified(s.address) for s in stages if s.name not in failed]
     models = [ObjectModel.load(folder / "object.npz") for folder in folders]
-    loaded = HandModel.load(session.ledger.folder(hand.address) / "hand.npz")
+    loaded = HandModel.load(session.ledger.verified(hand.address) / "hand.npz")
     return loaded, {model.id: model for model in models}
 
 

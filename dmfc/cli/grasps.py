@@ -65,7 +65,7 @@ def _copy_to_library(
             continue
         path = folder / file_name(session.config.hand.name, stage.name)
         path.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(session.ledger.folder(stage.address) / "grasps.parquet", path)
+        shutil.copyfile(session.ledger.verified(stage.address) / "grasps.parquet", path)
 
 
 def grasp_stages(session: Session, selectors: list[str] | None) -> list[Stage]:

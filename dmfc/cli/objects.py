@@ -82,7 +82,7 @@ def objects_prepare(
     for stage in stages:
         if stage.name in failed:
             continue
-        model = ObjectModel.load(session.ledger.folder(stage.address) / "object.npz")
+        model = ObjectModel.load(session.ledger.verified(stage.address) / "object.npz")
         rows[stage.name] = {
             "object": model.id,
             "faces": len(model.faces),

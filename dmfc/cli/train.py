@@ -42,7 +42,7 @@ def train(
         _replay_batch(session, built, replay, as_json)
         return
     require(session.make([built]), [built])
-    folder = session.ledger.folder(built.address)
+    folder = session.ledger.verified(built.address)
     lines = [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
     if as_json:
         answer({"stage": built.address, "folder": str(folder), "metrics": lines})

@@ -101,11 +101,11 @@ def _evaluation(ledger: Ledger, stage: Stage) -> Evaluation:
 def input_folders(
     ledger: Ledger, inputs: Mapping[str, Stage | tuple[Stage, ...]]
 ) -> dict[str, Path | list[Path]]:
-    """The folders of finished inputs, by name."""
+    """The folders of finished inputs by name, whole. Raises DamagedError where one is not."""
     return {
-        name: [ledger.folder(item.address) for item in given]
+        name: [ledger.verified(item.address) for item in given]
         if isinstance(given, tuple)
-        else ledger.folder(given.address)
+        else ledger.verified(given.address)
         for name, given in inputs.items()
     }
 
@@ -118,7 +118,7 @@ def _written(
 
     from dmfc.execution.evaluate import TRIALS
 
-    rows = pd.read_parquet(ledger.folder(stage.address) / TRIALS).set_index(["scene", "trial"])
+    rows = pd.read_parquet(ledger.verified(stage.address) / TRIALS).set_index(["scene", "trial"])
     return rows.loc[(scene, trial), columns].to_dict()
 
 

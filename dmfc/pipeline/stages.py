@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from dmfc.engine.context import StageContext
-from dmfc.engine.ledger import failure_in, read_record
+from dmfc.engine.record import failure_in, read_record
 from dmfc.errors import DmfcError
 from dmfc.files.atomic import write_json
+from dmfc.files.digest import file_digest, json_digest
 
 if TYPE_CHECKING:
     from dmfc.execution.evaluate import Evaluation
@@ -66,7 +67,6 @@ def _take_grasps(ctx: StageContext) -> None:
     """Grasps of the library; refused if they were planned for another shape of that name."""
     import shutil
 
-    from dmfc.files.digest import file_digest
     from dmfc.grasps.grasp_set import GraspSet
 
     path = Path(ctx.hints["file"])
@@ -140,7 +140,7 @@ def evaluation_of(
     from dmfc.execution.evaluate import Evaluation
     from dmfc.hand.description import load_description
     from dmfc.hand.model import HandModel
-    from dmfc.network.checkpoint import load_network
+    from dmfc.network.checkpoint import WEIGHTS, load_network
     from dmfc.scenes.scene_set import SceneSet
 
     def one(name: str) -> Path:
@@ -163,6 +163,8 @@ def evaluation_of(
     if row == "model":
         weights = Path(hints["weights"]) if "weights" in config else one("model")
         network = load_network(weights, hand)
+        if "weights" in config and file_digest(weights / WEIGHTS) != config["weights"]:
+            raise DmfcError(f"{weights / WEIGHTS} has changed since the call began: run it again")
     return Evaluation(
         row=row,
         scenes=SceneSet.open([one("scenes") / SCENES]),
@@ -295,11 +297,8 @@ def training_geometry(
 
 def data_digest(inputs: Mapping[str, Path | list[Path]]) -> str:
     """SHA-256 of the recorded digests of all files that a stage is given."""
-    import hashlib
-    import json
-
     folders = {
         name: [given] if isinstance(given, Path) else given for name, given in inputs.items()
     }
     files = {name: [read_record(f).get("files") for f in found] for name, found in folders.items()}
-    return hashlib.sha256(json.dumps(files, sort_keys=True).encode()).hexdigest()
+    return json_digest(files)

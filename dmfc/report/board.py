@@ -15,6 +15,7 @@ from dmfc.engine.ledger import Ledger
 from dmfc.engine.stage import Stage
 from dmfc.engine.watch import Progress, duration
 from dmfc.engine.worker import Job, Outcome
+from dmfc.files.sealed import DamagedError
 from dmfc.report.collect import TRIALS
 from dmfc.report.rates import Rate
 
@@ -76,7 +77,13 @@ class Board(Progress):
         if address.startswith("evaluate/"):
             import pyarrow.parquet as pq
 
-            held = pq.read_table(self._ledger.folder(address) / TRIALS, columns=["held"])
+            try:
+                folder = self._ledger.verified(address)
+            except DamagedError as error:  # the table will not be made; the rest may be
+                self._console.print(str(error), style="red", markup=False, soft_wrap=True)
+                line.failed = True
+                return
+            held = pq.read_table(folder / TRIALS, columns=["held"])
             line.held += sum(held["held"].to_pylist())
             line.trials += len(held)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,9 +9,11 @@ from typing import Any
 import pandas as pd
 
 from dmfc.engine.ledger import Ledger
+from dmfc.engine.state import read_sweep_file
 from dmfc.errors import DmfcError, unknown_name
-from dmfc.files.atomic import write_json
+from dmfc.files.atomic import write_json, write_text, written_whole
 from dmfc.report.formats import to_csv, to_json, to_latex, to_markdown
+from dmfc.report.outputs import note_outputs
 from dmfc.report.rates import concatenate
 from dmfc.report.table import CellRows, SweepTable, make_table
 from dmfc.report.trials import SearchTrial, read_trials, trials_to_csv
@@ -42,11 +43,11 @@ def resolve_sweeps(ledger: Ledger, names: Sequence[str] | None = None) -> list[s
 
 
 def read_sweep(ledger: Ledger, sweep_id: str) -> dict[str, Any]:
-    """The `sweep.json` of a sweep. Raises DmfcError naming the nearest id."""
-    path = ledger.store / "sweeps" / sweep_id / "sweep.json"
-    if not path.is_file():
+    """The `sweep.json` of a sweep. Raises DmfcError naming the nearest id, or what is damaged."""
+    folder = ledger.store / "sweeps" / sweep_id
+    if not (folder / "sweep.json").is_file():
         raise unknown_name("sweep", sweep_id, list_sweeps(ledger))
-    return json.loads(path.read_text())
+    return read_sweep_file(folder)
 
 
 def collect(
@@ -91,12 +92,15 @@ def write_table(ledger: Ledger, table: SweepTable, rows: list[CellRows]) -> list
     paths = []
     for name, text in names.items():
         path = folder / name
-        path.write_text(text, encoding="utf-8")
+        write_text(path, text)
         paths.append(path)
     write_json(folder / "table.json", to_json(table))
     parts = [cell.rows.assign(cell=cell.name, seed=cell.seed) for cell in rows if len(cell.rows)]
-    concatenate(parts).to_parquet(folder / TRIALS, index=False)
-    return [*paths, folder / "table.json", folder / TRIALS]
+    with written_whole(folder / TRIALS) as temporary:
+        concatenate(parts).to_parquet(temporary, index=False)
+    paths += [folder / "table.json", folder / TRIALS]
+    note_outputs(folder, [path.name for path in paths])
+    return paths
 
 
 def cell_rows(ledger: Ledger, cell: Mapping[str, Any], failures: Mapping[str, str]) -> CellRows:
@@ -104,7 +108,7 @@ def cell_rows(ledger: Ledger, cell: Mapping[str, Any], failures: Mapping[str, st
     parts, missing = [], []
     for address in cell["evaluations"]:
         if ledger.finished(address):
-            parts.append(_read_rows(ledger.folder(address) / TRIALS))
+            parts.append(_read_rows(ledger.verified(address) / TRIALS))
         else:
             missing.append(failures.get(address, "not run yet"))
     failure = ""

@@ -116,7 +116,7 @@ def suggest(
 
 def measures_of(ledger: Ledger, model: str) -> dict[str, float]:
     """What the last validation of a finished model measured, by name."""
-    path = ledger.folder(model) / METRICS
+    path = ledger.verified(model) / METRICS
     lines = [json.loads(line) for line in path.read_text().splitlines()]
     last = [line for line in lines if line["split"] == "val"][-1:]
     return {name: float(line[name]) for line in last for name in MEASURES if name in line}

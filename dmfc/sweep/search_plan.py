@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 from collections.abc import Collection, Mapping, Sequence
-from typing import Any
 
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.stage import plain
+from dmfc.engine.state import SEALED_VERSION, SWEEP
 from dmfc.errors import DmfcError
+from dmfc.files.sealed import read_or_replace
 from dmfc.pipeline.graph import GraphBuilder
 from dmfc.sweep.plan import CellPlan, SweepPlan, plan_cell
 from dmfc.sweep.search import Settings, objective_of, suggest
@@ -133,6 +133,6 @@ def trial_name(number: int) -> str:
 
 def _written(plan: SweepPlan, ledger: Ledger) -> list[Settings]:
     """The trials that an earlier call has begun."""
-    path = plan.folder(ledger) / "sweep.json"
-    told: dict[str, Any] = json.loads(path.read_text()) if path.is_file() else {}
+    # Where the plan is damaged, the same trials are suggested again, one round after the other.
+    told = read_or_replace(plan.folder(ledger) / SWEEP, SEALED_VERSION) or {}
     return list(told.get("search", {}).get("trials", []))
