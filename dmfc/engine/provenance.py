@@ -8,6 +8,7 @@ import platform
 import subprocess
 import sys
 import time
+from functools import cache
 from importlib.metadata import distributions
 from pathlib import Path
 from typing import Any
@@ -35,7 +36,7 @@ def add_provenance(folder: Path) -> None:
         "host": platform.node(),
         "python": platform.python_version(),
         "commit": git_commit(),
-        "packages": dict(sorted((item.name, item.version) for item in distributions())),
+        "packages": dict(_packages()),
         **_processor(),
     }
     diff = _git("diff", "HEAD")
@@ -59,6 +60,12 @@ def read_provenance(folder: Path) -> list[dict[str, Any]]:
         if known and not (path.is_file() and file_digest(path) == known):
             _LOG.warning("'%s' is not what was written: do not trust it", path)
     return calls
+
+
+@cache
+def _packages() -> tuple[tuple[str, str], ...]:
+    """Names and versions of what is installed; reading them takes a second or two."""
+    return tuple(sorted((item.name, item.version) for item in distributions()))
 
 
 def git_commit() -> str:
