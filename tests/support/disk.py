@@ -8,13 +8,24 @@ from __future__ import annotations
 
 import os
 import subprocess
+import tempfile
 import uuid
+from functools import cache
 from pathlib import Path
 
 
+@cache
 def loop_disks() -> bool:
-    """Whether this machine lets us mount images."""
-    return os.geteuid() == 0 and Path("/dev/loop-control").exists()
+    """Whether this machine lets us mount images: one is tried."""
+    if os.geteuid() != 0 or not Path("/dev/loop-control").exists():
+        return False
+    with tempfile.TemporaryDirectory() as temporary:
+        place = Path(temporary)
+        try:
+            with LoopDisk.make(place / "disk.img", place / "disk", 1):
+                return True
+        except (AssertionError, FileNotFoundError):
+            return False
 
 
 class LoopDisk:
