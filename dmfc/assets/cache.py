@@ -21,7 +21,7 @@ from platformdirs import user_cache_dir
 from dmfc.assets.download import download
 from dmfc.assets.packs import Pack, get_pack
 from dmfc.assets.unpack import unpack
-from dmfc.errors import DmfcError
+from dmfc.errors import DmfcError, one_line
 from dmfc.files.atomic import move, write_json
 from dmfc.files.digest import file_digest, text_digest
 
@@ -124,4 +124,4 @@ def _check(pack: Pack, folder: Path) -> int:
 def _what(error: Exception) -> str:
     if isinstance(error, FileNotFoundError):
         return f"'{Path(str(error.filename)).name}' is missing"
-    return " ".join(str(error).split()) or type(error).__name__
+    return one_line(error)

@@ -22,12 +22,13 @@ from pyarrow.fs import FileType
 
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.record import RECORD, faults, read_record
-from dmfc.engine.state import read_sweep_file
+from dmfc.engine.state import SEALED_VERSION
 from dmfc.engine.store import verify
 from dmfc.engine.unpack import MANIFEST, unpacked
-from dmfc.errors import DmfcError
+from dmfc.errors import DmfcError, first_line
 from dmfc.files.atomic import move, written_whole
 from dmfc.files.digest import damage, folder_digests
+from dmfc.files.sealed import read_sealed
 from dmfc.files.storage import located
 
 VERSION = 1
@@ -70,7 +71,7 @@ def export_to(
         system, path = located(place)
         taken = system.get_file_info(path).type != FileType.NotFound
     except OSError as error:
-        raise DmfcError(f"{place} cannot be reached: {str(error).splitlines()[0]}") from error
+        raise DmfcError(f"{place} cannot be reached: {first_line(error)}") from error
     if taken:
         raise DmfcError(f"'{place}' is there already: remove it, or give another name")
     with _temporary(ledger, place) as local:
@@ -96,7 +97,7 @@ def _transfer(source: str, target: str) -> None:
         with system.open_input_stream(path) as given, other.open_output_stream(to) as taken:
             shutil.copyfileobj(given, taken, COPY_BYTES)
     except OSError as error:
-        line = str(error).splitlines()[0]
+        line = first_line(error)
         raise DmfcError(f"{source} was not copied to {target}: {line}") from error
 
 
@@ -182,7 +183,8 @@ def _check(
             raise DmfcError(f"'{archive}': in {address} {name} {how}")
     sweeps = [name.partition("/")[2] for name in folders if name.startswith("sweeps/")]
     for name in sweeps:
-        if read_sweep_file(staging / "sweeps" / name).get("id") != name:
+        plan = read_sealed(staging / "sweeps" / name / "sweep.json", SEALED_VERSION)
+        if not isinstance(plan, dict) or plan.get("id") != name:
             raise DmfcError(f"'{archive}': the plan in sweeps/{name} is of another sweep")
     return stages, sweeps
 

@@ -14,14 +14,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from filelock import FileLock, Timeout
 
 from dmfc.files.atomic import write_json
-from dmfc.files.sealed import DamagedError, read_or_replace, read_sealed, write_sealed
+from dmfc.files.sealed import read_or_replace, write_sealed
 
-STATE, SWEEP = "state.json", "sweep.json"
+STATE = "state.json"
 SEALED_VERSION = 2
 """Version of state, plan and marks of a sweep since which they hold their own digest."""
 Status = Literal["UNSTARTED", "RUNNING", "FINISHED", "FAILED", "KILLED"]
@@ -56,21 +56,6 @@ def write_state(folder: Path, status: Status, failures: Mapping[str, str]) -> No
     started = read_state(folder).started or time.time()
     told = {"status": status, "failures": dict(failures), "started": started}
     write_sealed(folder / STATE, SEALED_VERSION, told)
-
-
-def read_sweep_file(folder: Path) -> dict[str, Any]:
-    """The `sweep.json` of a sweep's folder: its plan. Raises DamagedError with the way out."""
-    try:
-        return read_sealed(folder / SWEEP, SEALED_VERSION)
-    except DamagedError as error:
-        raise DamagedError(
-            f"{error}; run the sweep's line again: it writes the plan anew"
-        ) from error
-
-
-def write_sweep_file(folder: Path, plan: Mapping[str, Any]) -> None:
-    """Write the plan of a sweep."""
-    write_sealed(folder / SWEEP, SEALED_VERSION, plan)
 
 
 @contextmanager

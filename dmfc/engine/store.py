@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import shlex
 import shutil
 import time
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
@@ -13,9 +12,7 @@ from datetime import datetime
 from filelock import FileLock, Timeout
 
 from dmfc.engine.ledger import Ledger
-from dmfc.engine.provenance import read_provenance
 from dmfc.engine.record import RECORD, faults
-from dmfc.engine.state import SWEEP, read_sweep_file
 from dmfc.errors import DmfcError, unknown_name
 from dmfc.files.sealed import DamagedError
 
@@ -126,19 +123,6 @@ def _repairable(ledger: Ledger, address: str) -> list[str]:
         raise DmfcError(f"'{folder}' cannot be read: {error.strerror or error}") from error
 
 
-def sweeps_using(ledger: Ledger, addresses: Collection[str]) -> list[str]:
-    """The lines of the latest calls of the sweeps that need one of those stages."""
-    lines = []
-    for path in sorted((ledger.store / "sweeps").glob(f"*/{SWEEP}")):
-        try:
-            needed = read_sweep_file(path.parent)["stages"].keys() & set(addresses)
-        except DamagedError:
-            needed = set(addresses)  # its line writes the plan again
-        calls = read_provenance(path.parent) if needed else []
-        lines += [shlex.join(["dmfc", *call["command"]]) for call in calls[-1:]]
-    return list(dict.fromkeys(lines))
-
-
 def _failure(ledger: Ledger, address: str) -> str | None:
     try:
         return ledger.failure(address)
@@ -146,12 +130,9 @@ def _failure(ledger: Ledger, address: str) -> str | None:
         return str(error)
 
 
-def referred(ledger: Ledger, sweep_ids: Iterable[str]) -> set[str]:
-    """The addresses of all finished stages that those sweeps are made of, inputs of inputs too."""
-    stack: list[str] = []
-    for sweep_id in sweep_ids:
-        for cell in read_sweep_file(ledger.store / "sweeps" / sweep_id)["cells"]:
-            stack += [a for a in (cell["model"], *cell["evaluations"]) if a]
+def referred(ledger: Ledger, addresses: Iterable[str]) -> set[str]:
+    """The addresses of those stages and of their inputs, inputs of inputs too, if finished."""
+    stack = list(addresses)
     found: set[str] = set()
     while stack:
         address = stack.pop()
@@ -166,7 +147,7 @@ def referred(ledger: Ledger, sweep_ids: Iterable[str]) -> set[str]:
 def prunable(
     ledger: Ledger, keep: Iterable[str], older_than_days: float = 0.0, failed: bool = False
 ) -> list[Entry]:
-    """Stages that none of the sweeps `keep` refers to, and that are older than so many days.
+    """Stages that no stage at the addresses `keep` needs, and that are older than so many days.
 
     With `failed`, all kept failures instead, so that the next call tries them again.
     """

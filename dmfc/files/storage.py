@@ -8,7 +8,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.fs as pafs
 
-from dmfc.errors import DmfcError
+from dmfc.errors import DmfcError, first_line
 from dmfc.files.atomic import write_bytes
 
 
@@ -25,7 +25,7 @@ def located(place: str) -> tuple[pafs.FileSystem, str]:
     try:
         system, path = fsspec.core.url_to_fs(place)
     except (ValueError, ImportError) as error:
-        raise DmfcError(f"nothing here opens {place}: {str(error).splitlines()[0]}") from error
+        raise DmfcError(f"nothing here opens {place}: {first_line(error)}") from error
     return pafs.PyFileSystem(pafs.FSSpecHandler(system)), path
 
 
@@ -41,7 +41,7 @@ def read_file(place: str) -> bytes:
         with system.open_input_stream(path) as stream:
             return stream.readall()
     except OSError as error:
-        raise DmfcError(f"{place} cannot be read: {str(error).splitlines()[0]}") from error
+        raise DmfcError(f"{place} cannot be read: {first_line(error)}") from error
 
 
 def write_file(place: str, content: bytes) -> None:
@@ -55,4 +55,4 @@ def write_file(place: str, content: bytes) -> None:
         with system.open_output_stream(path) as stream:
             stream.write(content)
     except OSError as error:
-        raise DmfcError(f"{place} cannot be written: {str(error).splitlines()[0]}") from error
+        raise DmfcError(f"{place} cannot be written: {first_line(error)}") from error

@@ -7,11 +7,11 @@ from collections.abc import Collection, Mapping, Sequence
 
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.stage import plain
-from dmfc.engine.state import SEALED_VERSION, SWEEP
 from dmfc.errors import DmfcError
 from dmfc.files.sealed import read_or_replace
 from dmfc.pipeline.graph import GraphBuilder
 from dmfc.sweep.plan import CellPlan, SweepPlan, plan_cell
+from dmfc.sweep.record import SWEEP, VERSION, SearchRecord, SweepRecord
 from dmfc.sweep.search import Settings, objective_of, suggest
 from dmfc.sweep.sweep_file import BEST, Cell, Sweep, cell_config
 
@@ -67,13 +67,13 @@ class SearchPlanner:
             self._preset,
             (*self._fixed, *self._cells(cells)),
             identity=[*self._identity, *(plan.identity for plan in self._fixed)],
-            search={
-                "objective": dict(self._objective),
-                "space": plain(self._search.space),
-                "wanted": self._wanted,
-                "trials": [dict(settings) for settings in trials],
-                "best": best,
-            },
+            search=SearchRecord(
+                objective=dict(self._objective),
+                space=plain(self._search.space),
+                wanted=self._wanted,
+                trials=tuple(dict(settings) for settings in trials),
+                best=best,
+            ),
             given_up=frozenset(failed),
             grow=lambda failed: self._grow(trials, best, failed),
         )
@@ -134,5 +134,8 @@ def trial_name(number: int) -> str:
 def _written(plan: SweepPlan, ledger: Ledger) -> list[Settings]:
     """The trials that an earlier call has begun."""
     # Where the plan is damaged, the same trials are suggested again, one round after the other.
-    told = read_or_replace(plan.folder(ledger) / SWEEP, SEALED_VERSION) or {}
-    return list(told.get("search", {}).get("trials", []))
+    folder = plan.folder(ledger)
+    if read_or_replace(folder / SWEEP, VERSION) is None:
+        return []
+    search = SweepRecord.load(folder).search
+    return list(search.trials) if search else []

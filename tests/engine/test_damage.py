@@ -11,17 +11,18 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from dmfc.cli.evaluate import _trial_rows
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.provenance import PROVENANCE, read_provenance
 from dmfc.engine.record import RECORD
 from dmfc.engine.stage import closure
-from dmfc.engine.state import SEALED_VERSION, STATE, SWEEP, read_state
+from dmfc.engine.state import SEALED_VERSION, STATE, read_state
 from dmfc.engine.store import repair, verify
+from dmfc.experiment.evaluation import read_trials
 from dmfc.files.sealed import DamagedError, write_sealed
 from dmfc.report.collect import read_sweep
 from dmfc.report.outputs import OUTPUTS
 from dmfc.report.page import MARKER, PAGE, read_marker
+from dmfc.sweep.record import SWEEP
 from tests.support.alone import driven, made, patch_science, planned, trial_rows
 
 SWEEP_FILE = """
@@ -132,8 +133,8 @@ def test_a_damaged_file_of_a_sweep_is_noticed_or_written_again(sweep, tmp_path, 
         STATE: lambda ledger, folder: read_state(folder),
         PROVENANCE: lambda ledger, folder: read_provenance(folder),
         MARKER: lambda ledger, folder: read_marker(folder),
-        "trials.parquet": lambda ledger, folder: _trial_rows(f"{folder}:all"),
-        OUTPUTS: lambda ledger, folder: _trial_rows(f"{folder}:all"),
+        "trials.parquet": lambda ledger, folder: read_trials(f"{folder}:all"),
+        OUTPUTS: lambda ledger, folder: read_trials(f"{folder}:all"),
     }
     assert set(readers) < set(files)
     for number, name in enumerate(files):

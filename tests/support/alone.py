@@ -55,5 +55,5 @@ def made(plan: SweepPlan, store: Path) -> list[str]:
 
 def trial_rows(plan: SweepPlan, store: Path) -> pd.DataFrame:
     """The trial rows of the sweep as any reader gets them."""
-    cells = collect(Ledger(store), plan.describe())
+    cells = collect(Ledger(store), plan.record())
     return concatenate([cell.rows.assign(cell=cell.name, seed=cell.seed) for cell in cells])
