@@ -16,7 +16,8 @@ from dmfc.pipeline import kinds
 from dmfc.pipeline.graph import GraphBuilder
 from dmfc.report.collect import collect
 from dmfc.report.rates import concatenate
-from dmfc.sweep.plan import SweepPlan, plan_sweep
+from dmfc.sweep.plan import SweepPlan
+from dmfc.sweep.planner import plan_sweep
 from dmfc.sweep.sweep_file import load_sweep
 from tests.support.fake_science import FAKES, fake_refs
 
