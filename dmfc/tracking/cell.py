@@ -13,8 +13,8 @@ from typing import Any
 import yaml
 
 from dmfc.engine.context import read_attempt, read_progress
-from dmfc.engine.digest import RECORD
 from dmfc.engine.ledger import Ledger
+from dmfc.engine.record import RECORD
 from dmfc.engine.state import SweepState
 from dmfc.engine.system import SAMPLES, read_lines
 from dmfc.errors import DmfcError
