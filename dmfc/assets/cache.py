@@ -8,7 +8,6 @@ what stands there is complete. Environment DMFC_CACHE moves the cache.
 from __future__ import annotations
 
 import functools
-import hashlib
 import json
 import os
 import shutil
@@ -23,6 +22,8 @@ from dmfc.assets.download import download
 from dmfc.assets.packs import Pack, get_pack
 from dmfc.assets.unpack import unpack
 from dmfc.errors import DmfcError, one_line
+from dmfc.files.atomic import move, write_json
+from dmfc.files.digest import file_digest, text_digest
 
 _VERSION = 1
 PackStatus = Literal["cached", "missing"]
@@ -68,9 +69,7 @@ def _verified(pack: Pack, folder: Path) -> int:
 
 def _folder(pack: Pack) -> Path:
     content = json.dumps([_VERSION, pack.sha256, pack.subfolder, pack.suffixes])
-    return (
-        cache_dir() / "packs" / f"{pack.name}-{hashlib.sha256(content.encode()).hexdigest()[:12]}"
-    )
+    return cache_dir() / "packs" / f"{pack.name}-{text_digest(content)[:12]}"
 
 
 def _fetch(pack: Pack, folder: Path) -> None:
@@ -86,7 +85,7 @@ def _fetch(pack: Pack, folder: Path) -> None:
                 ready = temporary / "ready"
                 names = unpack(archive, pack, ready / "files")
                 _write_manifest(pack, ready, names)
-                ready.rename(folder)
+                move(ready, folder)
             finally:
                 shutil.rmtree(temporary, ignore_errors=True)
     except OSError as error:
@@ -103,16 +102,16 @@ def _write_manifest(pack: Pack, folder: Path, names: list[str]) -> None:
         "requirement": pack.requirement,
         "sha256": pack.sha256,
         "licence": pack.licence,
-        "files": {name: _sha256(folder / "files" / name) for name in names},
+        "files": {name: file_digest(folder / "files" / name) for name in names},
     }
-    (folder / "manifest.json").write_text(json.dumps(manifest, indent=1), encoding="utf-8")
+    write_json(folder / "manifest.json", manifest)
 
 
 def _check(pack: Pack, folder: Path) -> int:
     try:
         recorded = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))["files"]
         for name, digest in recorded.items():
-            if _sha256(folder / "files" / name) != digest:
+            if file_digest(folder / "files" / name) != digest:
                 raise ValueError(f"'{name}' has changed")
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise DmfcError(
@@ -126,8 +125,3 @@ def _what(error: Exception) -> str:
     if isinstance(error, FileNotFoundError):
         return f"'{Path(str(error.filename)).name}' is missing"
     return one_line(error)
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()

@@ -73,7 +73,7 @@ def grasps_import(
         raise DmfcError(f"--object {object_name} names {len(found)} objects, expected one")
     stages = [session.builder.hand(config), *found]
     require(session.make(stages), stages)
-    hand_folder, object_folder = (session.ledger.folder(stage.address) for stage in stages)
+    hand_folder, object_folder = (session.ledger.verified(stage.address) for stage in stages)
     hand, model = load_hand(hand_folder), load_object(object_folder)
     description = load_description(config.hand.name)
     mapped = load_hand_map(hand_map or format_name)
@@ -118,7 +118,7 @@ def grasps_export(
     failed = failures(outcomes, sets)
 
     def folder(stage: Stage) -> Path:
-        return session.ledger.folder(stage.address)
+        return session.ledger.verified(stage.address)
 
     hand = load_hand(folder(hand_stage))
     description = load_description(config.hand.name)

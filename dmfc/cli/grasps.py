@@ -78,7 +78,7 @@ def _copy_to_library(
             continue
         path = folder / file_name(session.config.hand.name, stage.name)
         path.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(session.ledger.folder(stage.address) / GRASPS, path)
+        shutil.copyfile(session.ledger.verified(stage.address) / GRASPS, path)
 
 
 def grasp_stages(session: Session, selectors: list[str] | None) -> list[Stage]:
@@ -144,7 +144,7 @@ def _kept_failures(session: Session, stages: Sequence[Stage]) -> dict[str, str]:
 
 def load_sets(session: Session, stages: Sequence[Stage]) -> list[GraspSet]:
     """The grasp sets that finished stages hold."""
-    return [load_grasps(session.ledger.folder(stage.address)) for stage in stages]
+    return [load_grasps(session.ledger.verified(stage.address)) for stage in stages]
 
 
 def set_rows(
@@ -187,8 +187,8 @@ def _prepared(
     outcomes = session.make([hand, *stages])
     require(outcomes, [hand])
     failed |= failures(outcomes, stages)
-    folders = [session.ledger.folder(s.address) for s in stages if s.name not in failed]
-    return load_hand(session.ledger.folder(hand.address)), dict(Objects(folders))
+    folders = [session.ledger.verified(s.address) for s in stages if s.name not in failed]
+    return load_hand(session.ledger.verified(hand.address)), dict(Objects(folders))
 
 
 def _measure(

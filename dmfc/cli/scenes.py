@@ -162,6 +162,7 @@ def scenes_freeze(
     """Record the digests of the three test sets, or make them and check that they are the same.
 
     --check takes preset and settings from the file."""
+    from dmfc.files.atomic import write_json
     from dmfc.scenes.publish.digests import differing, set_digest
     from dmfc.scenes.scene_set import SceneSet
 
@@ -182,7 +183,7 @@ def scenes_freeze(
     if not check:
         content = {"preset": preset, "set": given, **made_by(), "sets": sets}
         record.parent.mkdir(parents=True, exist_ok=True)
-        record.write_text(json.dumps(content, indent=1) + "\n")
+        write_json(record, content)
     show_rows("test sets", rows, as_json)
     if any(value for row in rows for name, value in row.items() if name.endswith("differ")):
         raise typer.Exit(1)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated
@@ -97,10 +96,11 @@ def ui(
 def _tracked(ledger: Ledger) -> dict[str, dict[str, str]]:
     """Where each sweep is in MLflow, the latest first."""
     from dmfc.report.collect import list_sweeps
-    from dmfc.report.page import MARKER
+    from dmfc.report.page import read_marker
 
-    paths = [ledger.store / "sweeps" / name / MARKER for name in reversed(list_sweeps(ledger))]
-    return {path.parent.name: json.loads(path.read_text()) for path in paths if path.is_file()}
+    names = reversed(list_sweeps(ledger))
+    found = {name: read_marker(ledger.store / "sweeps" / name) for name in names}
+    return {name: marker for name, marker in found.items() if marker}
 
 
 def _show_pages(there: Mapping[str, Mapping[str, str]], address: str, open_page: bool) -> None:

@@ -16,6 +16,7 @@ from dmfc.engine.pools import LocalPool, Pool, RayPool
 from dmfc.engine.provenance import git_commit
 from dmfc.engine.stage import Stage, closure
 from dmfc.engine.worker import Job, Outcome, give_up
+from dmfc.files.sealed import DamagedError
 
 POLL_SECONDS = 0.5
 
@@ -88,7 +89,10 @@ def unfinished(targets: Iterable[Stage], ledger: Ledger) -> dict[str, Stage]:
 
 def _known(stage: Stage, ledger: Ledger, kinds: Registry) -> Outcome:
     """The outcome of a stage that the ledger holds."""
-    failure = ledger.failure(stage.address) if kind_of(stage.kind, kinds).may_fail else None
+    try:
+        failure = ledger.failure(stage.address) if kind_of(stage.kind, kinds).may_fail else None
+    except DamagedError as error:
+        return Outcome("failed", str(error))
     return Outcome("done") if failure is None else Outcome("failed", failure, kept=True)
 
 

@@ -1,14 +1,14 @@
 """The ledger: finished stages as folders `<store>/stages/<kind>/<key>/`, each with a `stage.json`.
 
-A stage is finished if and only if its `stage.json` is there. It is written last, in a temporary
-folder that is then renamed, so a stage is never half there, whatever dies. It holds the digests of
-the other files. A stage whose function cannot succeed (an object that cannot be repaired) may be
-finished too, with a `failure.json` in place of its outputs: users read it and go on without.
+A stage is finished if and only if its `stage.json` is there and whole. It is written last, in a
+temporary folder that is brought onto the disk and then renamed, so a stage is never half there,
+whatever dies. It holds the digests of the other files, which are compared before a stage is used.
+A stage whose function cannot succeed (an object that cannot be repaired) may be finished too, with
+a `failure.json` in place of its outputs: users read it and go on without.
 """
 
 from __future__ import annotations
 
-import json
 import re
 import shutil
 import uuid
@@ -19,13 +19,19 @@ from typing import Any
 
 from filelock import FileLock
 
-from dmfc.engine.digest import RECORD, folder_digests
+from dmfc.engine.record import (
+    FAILURE,
+    RECORD,
+    RECORD_VERSION,
+    failure_in,
+    is_finished,
+    read_record,
+    verified,
+)
 from dmfc.errors import DmfcError
-from dmfc.files.atomic import write_json
-
-FAILURE = "failure.json"
-RECORD_VERSION = 2
-"""1 lacked `files`, the digests."""
+from dmfc.files.atomic import move, sync, write_json
+from dmfc.files.digest import folder_digests
+from dmfc.files.sealed import write_sealed
 
 
 class Ledger:
@@ -48,29 +54,46 @@ class Ledger:
             ) from error
 
     def folder(self, address: str) -> Path:
-        """The folder of the finished stage at `address` ('kind/key')."""
+        """Where the finished stage at `address` ('kind/key') is, or will be."""
         return self.store / "stages" / address
+
+    def verified(self, address: str) -> Path:
+        """The folder of a finished stage whose files are what they were when it was finished.
+
+        They are compared with their digests once per process. Use this to read outputs. Raises
+        DamagedError naming a file that differs, and what to do about it.
+        """
+        return verified(self.folder(address))
 
     def work(self, address: str) -> Path:
         """The folder that persists over the attempts of one stage."""
         return self.store / "work" / address.replace("/", "-")
 
     def finished(self, address: str) -> bool:
-        """Whether the stage is there."""
-        return (self.folder(address) / RECORD).is_file()
+        """Whether the stage is there: a record that is damaged does not count."""
+        return is_finished(self.folder(address))
 
     def record(self, address: str) -> dict[str, Any]:
         """What `stage.json` of a finished stage says."""
         return read_record(self.folder(address))
 
     def failure(self, address: str) -> str | None:
-        """Why a finished stage has a failure in place of its outputs; None if it has outputs."""
-        return failure_in(self.folder(address))
+        """Why a finished stage has a failure in place of its outputs; None if it has outputs.
+
+        Raises DamagedError where that is not what was written.
+        """
+        folder = self.folder(address)
+        return failure_in(verified(folder)) if (folder / FAILURE).is_file() else None
 
     def addresses(self, kind: str = "*") -> Iterator[str]:
         """The finished stages, of one kind or of all."""
-        for path in sorted((self.store / "stages").glob(f"{kind}/*/{RECORD}")):
-            yield f"{path.parent.parent.name}/{path.parent.name}"
+        return (address for address in self.present(kind) if self.finished(address))
+
+    def present(self, kind: str = "*") -> Iterator[str]:
+        """As `addresses`, with those whose record is damaged or gone."""
+        for path in sorted((self.store / "stages").glob(f"{kind}/*")):
+            if path.is_dir() and not path.name.startswith("."):
+                yield f"{path.parent.name}/{path.name}"
 
     def records(self, kind: str) -> Iterator[dict[str, Any]]:
         """The records of all finished stages of one kind."""
@@ -98,13 +121,33 @@ class Ledger:
 
     def commit(self, address: str, record: dict[str, Any]) -> None:
         """Turn the claimed, filled folder into the finished stage. Call inside `claim`."""
-        partial, final = self._partial(address), self.folder(address)
-        files = folder_digests(partial)
-        write_json(partial / RECORD, {"version": RECORD_VERSION, **record, "files": files})
-        if final.exists():  # left by something that is no ledger: it has no record
-            shutil.rmtree(final)
-        partial.rename(final)
+        partial = self._partial(address)
+        content = {**record, "files": folder_digests(partial)}
+        write_sealed(partial / RECORD, RECORD_VERSION, content)
+        self.adopt(address, partial)
         shutil.rmtree(self.work(address), ignore_errors=True)
+
+    def adopt(self, address: str, folder: Path) -> None:
+        """Make a folder with its record the finished stage. Hold its lock.
+
+        What is there already has no whole record, and is set aside.
+        """
+        final = self.folder(address)
+        if final.exists():
+            self.set_aside(address)
+        final.parent.mkdir(parents=True, exist_ok=True)
+        move(folder, final)
+        sync(final.parent.parent)
+
+    def set_aside(self, address: str) -> Path:
+        """Move a stage's folder out of the ledger, so that it is made again; where it is then.
+
+        Hold its lock.
+        """
+        aside = self.store / "damaged" / f"{address.replace('/', '-')}-{uuid.uuid4().hex[:8]}"
+        aside.parent.mkdir(parents=True, exist_ok=True)
+        move(self.folder(address), aside)
+        return aside
 
     def commit_failure(self, address: str, record: dict[str, Any], reason: str) -> None:
         """Finish the claimed stage with a failure in place of outputs. Call inside `claim`."""
@@ -145,18 +188,3 @@ def _folder_of(store: Path) -> Path:
         "rename, which object stores lack; give --store a folder that all machines see (`dmfc "
         "store export` and `import` take URLs)"
     )
-
-
-def read_record(folder: Path) -> dict[str, Any]:
-    """What the `stage.json` in a finished stage's folder says."""
-    path = folder / RECORD
-    try:
-        return json.loads(path.read_text())
-    except (OSError, json.JSONDecodeError) as error:
-        raise DmfcError(f"the record '{path}' cannot be read: {error}") from error
-
-
-def failure_in(folder: Path) -> str | None:
-    """The reason in a finished stage's folder; None if it has outputs."""
-    path = folder / FAILURE
-    return str(json.loads(path.read_text())["reason"]) if path.is_file() else None

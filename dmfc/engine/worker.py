@@ -100,9 +100,10 @@ def _attempt(job: Job, ledger: Ledger, out: Path) -> Outcome:
     started, clock, work = datetime.now(UTC), time.perf_counter(), ledger.work(job.address)
     tell_attempt(work, job.attempt, started)
     _limit_threads(job.cpus)
+    context = _context(job, ledger, out)  # damaged inputs are no failure of this stage
     try:
         with sampled(work, job.system_seconds, job.gpus):
-            _load(job.entry)(_context(job, ledger, out))
+            _load(job.entry)(context)
     except (OSError, MemoryError):
         raise  # of this machine, not of the stage
     except Exception as error:
@@ -119,9 +120,9 @@ def _attempt(job: Job, ledger: Ledger, out: Path) -> Outcome:
 
 def _context(job: Job, ledger: Ledger, out: Path) -> StageContext:
     inputs: dict[str, Path | list[Path]] = {
-        name: [ledger.folder(item) for item in given]
+        name: [ledger.verified(item) for item in given]
         if isinstance(given, list)
-        else ledger.folder(given)
+        else ledger.verified(given)
         for name, given in job.input_keys.items()
     }
     work = ledger.work(job.address)

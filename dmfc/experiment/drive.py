@@ -64,7 +64,11 @@ def drive(plans: Sequence[SweepPlan], ledger: Ledger, as_json: bool) -> Driven:
             ran = sum(outcome.status == "ran" for outcome in outcomes.values())
             tables = []
             for plan, folder in zip(plans, folders, strict=True):
-                table = write_tables(ledger, plan.record(), failures, as_json)
+                try:
+                    table = write_tables(ledger, plan.record(), failures, as_json)
+                except DmfcError:  # its rows are damaged
+                    write_state(folder, "FAILED", failures)
+                    raise
                 tables.append(table)
                 write_state(folder, "FAILED" if _incomplete(table) else "FINISHED", failures)
     except typer.Exit:  # Ctrl-C
@@ -200,9 +204,10 @@ def _incomplete(table: SweepTable) -> bool:
 def _result(plan: SweepPlan, table: SweepTable, ledger: Ledger, anew: bool) -> dict[str, Any]:
     """Page and tracking of one sweep, and its answer for a machine."""
     from dmfc.report.formats import to_json
+    from dmfc.report.outputs import intact
     from dmfc.report.page import PAGE
 
-    if anew or not (plan.folder(ledger) / PAGE).is_file():
+    if anew or not intact(plan.folder(ledger), PAGE):
         write = page_writer(ledger, plan.record(), table)
         write()  # for MLflow to show
         tracked = _track(plan, ledger)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dmfc.errors import DmfcError, unknown_name
+from dmfc.errors import DmfcError, first_line, unknown_name
 from dmfc.experiment.session import Session, require
 
 if TYPE_CHECKING:
@@ -59,14 +59,17 @@ class Evaluation:
 
     def write(self, folder: Path) -> None:
         """Write trials.parquet, diversity.parquet, summary.json and failures.png into `folder`."""
-        from dmfc.files.atomic import write_json
+        from dmfc.files.atomic import write_json, written_whole
         from dmfc.pipeline.artifacts import DIVERSITY, SUMMARY, TRIALS
         from dmfc.report.failures import draw_failures
+        from dmfc.report.outputs import note_outputs
 
         folder.mkdir(parents=True, exist_ok=True)
-        self.trials.to_parquet(folder / TRIALS, index=False)
-        self.diversity.to_parquet(folder / DIVERSITY, index=False)
+        for name, rows in ((TRIALS, self.trials), (DIVERSITY, self.diversity)):
+            with written_whole(folder / name) as temporary:
+                rows.to_parquet(temporary, index=False)
         write_json(folder / SUMMARY, self.summary)
+        note_outputs(folder, [TRIALS, DIVERSITY, SUMMARY])
         draw_failures(self.table, folder / "failures.png")
 
 
@@ -93,7 +96,7 @@ def read_evaluation(
     from dmfc.report.rates import concatenate
     from dmfc.report.table import CellRows, make_table
 
-    folders = [session.ledger.folder(stage.address) for stage in stages]
+    folders = [session.ledger.verified(stage.address) for stage in stages]
     files = tuple(folder / TRIALS for folder in folders)
     trials = concatenate([load_trials(folder) for folder in folders])
     diversity = pd.concat([load_diversity(folder) for folder in folders])
@@ -118,13 +121,20 @@ def read_trials(text: str) -> pd.DataFrame:
     """Trial rows of 'FILE', 'FOLDER' or 'FILE:CELL'. Raises DmfcError where there are none."""
     import pandas as pd
 
+    from dmfc.engine.record import verified
     from dmfc.pipeline.artifacts import TRIALS
+    from dmfc.report.outputs import whole_output
 
     name, _, cell = text.partition(":")
     path = Path(name) / TRIALS if Path(name).is_dir() else Path(name)
     if not path.is_file():
         raise DmfcError(f"there are no trial rows at '{path}'")
-    rows = pd.read_parquet(path)
+    verified(path.parent)
+    whole_output(path, "`dmfc tables` or `dmfc evaluate` writes it again")
+    try:
+        rows = pd.read_parquet(path)
+    except (OSError, ValueError) as error:
+        raise DmfcError(f"trial rows '{path}' cannot be read: {first_line(error)}") from error
     if not cell:
         return rows
     cells = list(rows["cell"].unique()) if "cell" in rows else []

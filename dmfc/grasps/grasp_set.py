@@ -18,6 +18,7 @@ import pyarrow.parquet as pq
 from scipy.spatial.transform import Rotation
 
 from dmfc.errors import DmfcError
+from dmfc.files.atomic import written_whole
 from dmfc.grasps.grasps import Grasps
 
 VERSION = 1
@@ -73,7 +74,7 @@ class GraspSet(Grasps):
         return cls(object_id=object_id, hand=hand, dof_names=dof_names, notes=notes or {}, **arrays)
 
     def save(self, path: Path) -> None:
-        """Write the Parquet file; an existing one is replaced."""
+        """Write the Parquet file, whole or not at all; an existing one is replaced."""
         quaternion = _quaternions(self.rotation)
         columns = {
             "position": _vectors(self.position),
@@ -89,9 +90,9 @@ class GraspSet(Grasps):
             "dof_names": " ".join(self.dof_names),
             **{f"note.{key}": value for key, value in self.notes.items()},
         }
-        pq.write_table(
-            pa.table(columns).replace_schema_metadata(metadata), path, compression="zstd"
-        )
+        table = pa.table(columns).replace_schema_metadata(metadata)
+        with written_whole(Path(path)) as temporary:
+            pq.write_table(table, temporary, compression="zstd")
 
     @classmethod
     def load(cls, path: Path | BinaryIO) -> GraspSet:

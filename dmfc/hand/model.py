@@ -14,6 +14,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from dmfc.errors import DmfcError
+from dmfc.files.atomic import written_whole
 from dmfc.geometry.grid import Grid
 
 VERSION = 1
@@ -99,7 +100,7 @@ class HandModel:
         )
 
     def save(self, path: Path) -> None:
-        """Write everything to one .npz file."""
+        """Write everything to one .npz file, whole or not at all."""
         arrays: dict[str, np.ndarray] = {"version": np.array(VERSION)}
         for entry in fields(self):
             value = getattr(self, entry.name)
@@ -110,7 +111,7 @@ class HandModel:
                 arrays |= {f"{entry.name}_{i}": array for i, array in enumerate(value)}
             else:
                 arrays[entry.name] = np.asarray(value)
-        with open(path, "wb") as file:
+        with written_whole(Path(path)) as temporary, temporary.open("wb") as file:
             np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
 
     @classmethod

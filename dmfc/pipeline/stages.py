@@ -11,15 +11,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from dmfc.engine.context import StageContext
-from dmfc.engine.ledger import failure_in, read_record
+from dmfc.engine.record import failure_in, read_record
 from dmfc.errors import DmfcError
 from dmfc.files.atomic import write_json
+from dmfc.files.digest import file_digest, json_digest
 from dmfc.pipeline.artifacts import (
     GRASPS,
     HAND,
     OBJECT,
     SCENE_COUNTS,
     SCENES,
+    WEIGHTS,
     Objects,
     load_grasp_sets,
     load_hand,
@@ -73,7 +75,6 @@ def _take_grasps(ctx: StageContext) -> None:
     """Grasps of the library; refused if they were planned for another shape of that name."""
     import shutil
 
-    from dmfc.files.digest import file_digest
     from dmfc.grasps.grasp_set import GraspSet
 
     path = Path(ctx.hints["file"])
@@ -167,6 +168,8 @@ def evaluation_of(
     if row == "model":
         weights = Path(hints["weights"]) if "weights" in config else one("model")
         network = load_network(weights, hand)
+        if "weights" in config and file_digest(weights / WEIGHTS) != config["weights"]:
+            raise DmfcError(f"{weights / WEIGHTS} has changed since the call began: run it again")
     return Evaluation(
         row=row,
         scenes=load_scenes([one("scenes")]),
@@ -257,11 +260,8 @@ def training_geometry(
 
 def data_digest(inputs: Mapping[str, Path | list[Path]]) -> str:
     """SHA-256 of the recorded digests of all files that a stage is given."""
-    import hashlib
-    import json
-
     folders = {
         name: [given] if isinstance(given, Path) else given for name, given in inputs.items()
     }
     files = {name: [read_record(f).get("files") for f in found] for name, found in folders.items()}
-    return hashlib.sha256(json.dumps(files, sort_keys=True).encode()).hexdigest()
+    return json_digest(files)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,6 +10,7 @@ from typing import Any
 from dmfc.config.schema import Config
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.stage import Stage, closure, plain
+from dmfc.files.digest import json_digest
 from dmfc.pipeline.graph import CellStages, GraphBuilder
 from dmfc.sweep.record import CellRecord, DataRecord, SearchRecord, SweepRecord
 from dmfc.sweep.sweep_file import Cell, Sweep, cell_config
@@ -59,8 +58,7 @@ class SweepPlan:
     def id(self) -> str:
         """Name and a hash of what it computes: the same sweep has the same id on any machine."""
         identity = self.identity or [plan.identity for plan in self.cells]
-        text = json.dumps(identity, sort_keys=True)
-        return f"{self.sweep.name}-{hashlib.sha256(text.encode()).hexdigest()[:10]}"
+        return f"{self.sweep.name}-{json_digest(identity)[:10]}"
 
     @property
     def targets(self) -> list[Stage]:

@@ -6,7 +6,6 @@ changes nothing; projecting while a sweep runs shows how it stands.
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,11 +16,12 @@ from filelock import FileLock, Timeout
 
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.provenance import PROVENANCE, VECTOR_FLAGS, read_provenance
-from dmfc.engine.state import SweepState, read_state
+from dmfc.engine.state import SEALED_VERSION, SweepState, read_state
 from dmfc.errors import DmfcError, first_line
-from dmfc.files.atomic import write_json
+from dmfc.files.digest import json_digest
+from dmfc.files.sealed import write_sealed
 from dmfc.report.collect import list_sweeps, read_sweep, table_of
-from dmfc.report.page import MARKER
+from dmfc.report.page import MARKER, read_marker
 from dmfc.report.table import NAMES, SweepTable
 from dmfc.sweep.record import SWEEP, SweepRecord
 from dmfc.tracking.cell import ENDED, CellContent, Point, cell_content
@@ -62,8 +62,8 @@ def project_sweep(
     state = read_state(folder)
     contents = [cell_content(ledger, cell, state) for cell in sweep.cells]
     parent = _parent_content(ledger, sweep, state, contents)
-    digest = _digest([VERSION, uri, parent.digest, [content.digest for content in contents]])
-    known = _marker(folder)
+    digest = json_digest([VERSION, uri, parent.digest, [content.digest for content in contents]])
+    known = read_marker(folder)
     if known.get("digest") == digest and _still_there(uri):
         return Tracked(uri, known["experiment_id"], known["run_id"])
     ledger.prepare()
@@ -87,7 +87,8 @@ def project_sweep(
             "writes what is missing)"
         ) from error
     told = {"digest": digest, "experiment_id": writer.experiment_id, "run_id": run_id}
-    write_json(folder / MARKER, {**told, "uri": uri, "status": parent.status, "runs": runs})
+    marker = {**told, "uri": uri, "status": parent.status, "runs": runs}
+    write_sealed(folder / MARKER, SEALED_VERSION, marker)
     return Tracked(uri, writer.experiment_id, run_id)
 
 
@@ -96,7 +97,7 @@ def project_stale(ledger: Ledger) -> list[str]:
     stale = []
     for sweep_id in list_sweeps(ledger):
         folder = ledger.store / "sweeps" / sweep_id
-        marker, state = _marker(folder), read_state(folder)
+        marker, state = read_marker(folder), read_state(folder)
         if marker and marker.get("status") not in ENDED and state.status in ENDED:
             project_sweep(ledger, sweep_id, marker["uri"])
             stale.append(sweep_id)
@@ -195,15 +196,6 @@ def _shown(path: Path) -> bool:
     )
 
 
-def _marker(folder: Path) -> dict[str, Any]:
-    path = folder / MARKER
-    return json.loads(path.read_text()) if path.is_file() else {}
-
-
 def _still_there(uri: str) -> bool:
     """Whether a local database is still there; a remote one is taken to be."""
     return not uri.startswith("sqlite:///") or Path(uri.removeprefix("sqlite:///")).is_file()
-
-
-def _digest(value: Any) -> str:
-    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()

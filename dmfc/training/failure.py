@@ -12,6 +12,7 @@ import torch
 from omegaconf import OmegaConf
 
 from dmfc.errors import DmfcError, first_line
+from dmfc.files.atomic import written_whole
 from dmfc.network.model import DmfcGraspNet
 from dmfc.training.batch import Batch
 from dmfc.training.settings import FitConfig
@@ -43,7 +44,8 @@ class Failure:
             "batch": batch.to("cpu").tensors(),
             "weights": {name: value.cpu() for name, value in net.state_dict().items()},
         }
-        torch.save(values, self.file)
+        with written_whole(self.file) as temporary:
+            torch.save(values, temporary)
 
 
 def read_failure(path: Path) -> dict[str, Any]:

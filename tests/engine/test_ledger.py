@@ -11,7 +11,8 @@ from dmfc.config.load import build_config
 from dmfc.config.plain_yaml import parse_yaml
 from dmfc.config.schema import Config
 from dmfc.config.setting import setting
-from dmfc.engine.ledger import RECORD, RECORD_VERSION, Ledger
+from dmfc.engine.ledger import Ledger
+from dmfc.engine.record import RECORD, RECORD_VERSION
 from dmfc.engine.stage import Stage, closure, differences, plain
 from dmfc.errors import DmfcError
 from tests.support.trivial_graph import trivial
@@ -135,11 +136,22 @@ def test_what_a_killed_process_left_is_cleared(ledger):
         assert list(out.iterdir()) == []
 
 
-def test_a_damaged_record_is_one_line(ledger):
+def test_a_damaged_record_is_one_line_and_no_stage(ledger, caplog):
     ledger.folder("add/k").mkdir(parents=True)
     (ledger.folder("add/k") / RECORD).write_text("{")
-    with pytest.raises(DmfcError, match="cannot be read"):
+    with pytest.raises(DmfcError, match=r"stage\.json' is damaged"):
         ledger.record("add/k")
+    assert not ledger.finished("add/k")
+    assert not ledger.finished("add/k")
+    assert list(ledger.addresses()) == list(ledger.records("add")) == []
+    assert list(ledger.present()) == ["add/k"]
+    assert caplog.text.count("is made again") == 1
+    with ledger.claim("add/k") as out:
+        (out / "file").write_text("again")
+        ledger.commit("add/k", {"name": "k"})
+    assert (ledger.folder("add/k") / "file").read_text() == "again"
+    (aside,) = (ledger.store / "damaged").iterdir()
+    assert (aside / RECORD).read_text() == "{"
 
 
 def test_a_store_that_cannot_be_written_is_one_line(tmp_path):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import os
+import resource
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -13,7 +15,7 @@ import pytest
 from dmfc.config.load import load_config
 from dmfc.engine.engine import run_stages
 from dmfc.engine.ledger import Ledger
-from dmfc.engine.store import forget_damaged
+from dmfc.engine.store import repair
 from dmfc.errors import DmfcError
 from dmfc.pipeline.graph import GraphBuilder
 from dmfc.scenes.scene_set import SceneSet, write_shard
@@ -81,12 +83,14 @@ def test_a_truncated_shard_is_told_and_made_again(tmp_path, calm):
     make(tmp_path)
     ledger = Ledger(tmp_path)
     names = [shard.address for shard in shards()]
-    assert list(forget_damaged(ledger, names)) == []
+    assert list(repair(ledger, names)) == []
     path = ledger.folder(names[2]) / "scenes.parquet"
     path.write_bytes(path.read_bytes()[:-1000])
     with pytest.raises(DmfcError, match="`dmfc scenes make` makes it again"):
         SceneSet.open([path])
-    assert list(forget_damaged(ledger, names)) == [(names[2], ["scenes.parquet has changed"])]
+    (found,) = repair(ledger, names)
+    assert (found.address, found.wrong) == (names[2], ["scenes.parquet has changed"])
+    assert found.aside
     assert [status for status, _ in make(tmp_path)] == ["done", "done", "ran"]
     assert content(tmp_path) == calm
 
@@ -95,8 +99,14 @@ def test_a_full_disk_leaves_the_old_file(tmp_path, scenes):
     path = tmp_path / "shard.parquet"
     write_shard(path, scenes[:1], {})
     before = path.read_bytes()
-    (tmp_path / "shard.parquet.partial").symlink_to("/dev/full")
-    with pytest.raises(DmfcError, match=r"shard\.parquet cannot be written: .*No space left"):
-        write_shard(path, scenes, {})
+    before_signal = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (len(before) // 2, limits[1]))
+    try:
+        with pytest.raises(DmfcError, match=r"shard\.parquet cannot be written: .*File too large"):
+            write_shard(path, scenes, {})
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        signal.signal(signal.SIGXFSZ, before_signal)
     assert path.read_bytes() == before
     assert [entry.name for entry in tmp_path.iterdir()] == ["shard.parquet"]

@@ -6,7 +6,7 @@ import signal
 import time
 from pathlib import Path
 
-from dmfc.engine.ledger import failure_in
+from dmfc.engine.record import failure_in
 from dmfc.errors import DmfcError
 
 
