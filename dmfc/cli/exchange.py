@@ -76,7 +76,7 @@ def grasps_import(
     require(session.make(stages), stages)
     hand_folder, object_folder = (session.ledger.folder(stage.address) for stage in stages)
     hand, model = (
-        HandModel.load(hand_folder / "hand.npz"),
+        HandModel.load(hand_folder / "hand.npz", config.closing),
         ObjectModel.load(object_folder / "object.npz"),
     )
     description = load_description(config.hand.name)
@@ -126,7 +126,7 @@ def grasps_export(
     def folder(stage: Stage) -> Path:
         return session.ledger.folder(stage.address)
 
-    hand = HandModel.load(folder(hand_stage) / "hand.npz")
+    hand = HandModel.load(folder(hand_stage) / "hand.npz", config.closing)
     description = load_description(config.hand.name)
     mapped = load_hand_map(hand_map or "dexgraspbench")
     rows = {}

@@ -139,7 +139,9 @@ def _prepared(
     failed |= failures(outcomes, stages)
     folders = [session.ledger.folder(s.address) for s in stages if s.name not in failed]
     models = [ObjectModel.load(folder / "object.npz") for folder in folders]
-    loaded = HandModel.load(session.ledger.folder(hand.address) / "hand.npz")
+    loaded = HandModel.load(
+        session.ledger.folder(hand.address) / "hand.npz", session.config.closing
+    )
     return loaded, {model.id: model for model in models}
 
 

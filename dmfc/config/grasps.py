@@ -43,7 +43,7 @@ class RefineConfig:
 @dataclass(frozen=True)
 class GraspsConfig:
     source: Literal["plan", "library", "either"] = setting(
-        "plan",
+        "either",
         "Where ground-truth grasps come from. 'plan': they are planned; 'library': they are taken "
         "from the library; 'either': they are planned only for objects that the library does not "
         "have.",
@@ -52,7 +52,6 @@ class GraspsConfig:
         "",
         "Folder of the library, with files HAND/SOURCE__NAME.parquet; empty: the one that is "
         "shipped with dmfc.",
-        later=True,
     )
     per_object: int = setting(
         100, "Number of verified grasps wanted per object.", least=1, greatest=100_000
@@ -83,9 +82,7 @@ class GraspsConfig:
         greatest=100,
     )
     seed: int = setting(0, "Seed of the planner.", least=0, greatest=GREATEST_SEED)
-    refine: RefineConfig = setting(
-        RefineConfig, "Refinement of candidates by gradients.", later=True
-    )
+    refine: RefineConfig = setting(RefineConfig, "Refinement of candidates by gradients.")
 
     table_share: float = setting(
         1.0,

@@ -19,11 +19,14 @@ from typing import Any
 
 from filelock import FileLock
 
+from dmfc.config.setting import KEYS_VERSION
 from dmfc.engine.digest import RECORD, folder_digests
 from dmfc.errors import DmfcError
 from dmfc.files.atomic import write_json
 
 FAILURE = "failure.json"
+VERSION = "version.json"
+"""The file of a store that says which version of keys its stages have; none: version 1."""
 RECORD_VERSION = 2
 """1 lacked `files`, the digests."""
 
@@ -35,17 +38,37 @@ class Ledger:
         self.store = _folder_of(store)
 
     def prepare(self) -> None:
-        """Make the store's folders. Raises DmfcError where the store cannot be written."""
+        """Make the store's folders.
+
+        Raises DmfcError where the store cannot be written, or is of another version of dmfc.
+        """
+        self.check_version()
         try:
             for name in ("stages", "work", "locks", "sweeps"):
                 (self.store / name).mkdir(parents=True, exist_ok=True)
             probe = self.store / "work" / f".probe-{uuid.uuid4().hex}"
             probe.touch()
             probe.unlink()
+            if not (self.store / VERSION).is_file():
+                write_json(self.store / VERSION, {"keys": KEYS_VERSION})
         except OSError as error:
             raise DmfcError(
                 f"cannot write to the store '{self.store}': {error.strerror} (see --store)"
             ) from error
+
+    def check_version(self) -> None:
+        """Raises DmfcError where the stages have keys of another version: none would be found."""
+        path = self.store / VERSION
+        if path.is_file():
+            version = json.loads(path.read_text())["keys"]
+        else:
+            version = 1 if next(self.addresses(), None) else KEYS_VERSION
+        if version != KEYS_VERSION:
+            raise DmfcError(
+                f"the store '{self.store}' was made by another version of dmfc (keys {version}, "
+                f"this one has {KEYS_VERSION}), which cannot use its stages: give another --store, "
+                "or delete it; `dmfc tables` still reads it"
+            )
 
     def folder(self, address: str) -> Path:
         """The folder of the finished stage at `address` ('kind/key')."""

@@ -13,6 +13,7 @@ from dmfc.experiment.console import stderr
 from dmfc.experiment.session import Session, require
 
 if TYPE_CHECKING:
+    from dmfc.config.presets import Presets
     from dmfc.engine.stage import Stage
     from dmfc.hand.model import HandModel
     from dmfc.objects.model import ObjectModel
@@ -25,7 +26,7 @@ SHEET_ROWS = 5
 
 
 def open_set(
-    split: str, at: str | None, preset: str, overrides: Sequence[str] | None, store: Path
+    split: str, at: str | None, preset: Presets, overrides: Sequence[str] | None, store: Path
 ) -> tuple[PublishedSet, Session]:
     """The set at a folder or URL, or that of the settings if all its shards are made."""
     from dmfc.scenes.publish.published import PublishedSet
@@ -123,7 +124,7 @@ def hand_of(session: Session) -> HandModel:
 
     stage = session.builder.hand(session.config)
     require(session.make([stage]), [stage])
-    return HandModel.load(session.ledger.folder(stage.address) / "hand.npz")
+    return HandModel.load(session.ledger.folder(stage.address) / "hand.npz", session.config.closing)
 
 
 def objects_of(session: Session, split: str, shown: Sequence[Scene]) -> Mapping[str, ObjectModel]:

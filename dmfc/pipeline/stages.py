@@ -5,7 +5,6 @@ Heavy imports are inside the functions, so that a worker loads only what its sta
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -154,11 +153,7 @@ def evaluation_of(
         return whole(folders)
 
     row = config["row"]
-    hand = dataclasses.replace(
-        HandModel.load(one("hand") / HAND),
-        opening=config["hand"].opening,
-        squeeze=config["hand"].squeeze,
-    )
+    hand = HandModel.load(one("hand") / HAND, config["closing"])
     network = None
     if row == "model":
         weights = Path(hints["weights"]) if "weights" in config else one("model")
@@ -219,7 +214,7 @@ def present(folders: list[Path]) -> list[Path]:
 def _hand(ctx: StageContext) -> HandModel:
     from dmfc.hand.model import HandModel
 
-    return HandModel.load(ctx.input("hand") / HAND)
+    return HandModel.load(ctx.input("hand") / HAND, ctx.config["closing"])
 
 
 def _grasp_sets(folders: list[Path]) -> dict[str, GraspSet]:

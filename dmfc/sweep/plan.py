@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from dmfc.config.presets import Presets, preset_title
 from dmfc.config.schema import Config
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.stage import Stage, closure, plain
@@ -44,7 +45,7 @@ class SweepPlan:
     """Everything a sweep will compute; of a search, what is known of it yet."""
 
     sweep: Sweep
-    preset: str | None
+    preset: Presets | None
     cells: tuple[CellPlan, ...]
     identity: Any = None
     """What the id is made of; None: the cells."""
@@ -95,7 +96,7 @@ class SweepPlan:
             "name": self.sweep.name,
             "title": self.sweep.title,
             "file": str(self.sweep.path),
-            "preset": self.preset,
+            "preset": preset_title(self.preset),
             "baseline": self.sweep.baseline,
             "show": list(self.sweep.show),
             **({"search": dict(self.search)} if self.search else {}),
@@ -107,7 +108,7 @@ class SweepPlan:
 def plan_sweep(
     sweep: Sweep,
     builder: GraphBuilder,
-    preset: str | None,
+    preset: Presets | None,
     overrides: Sequence[str] = (),
     ledger: Ledger | None = None,
 ) -> SweepPlan:
@@ -133,7 +134,7 @@ def plan_cell(
     cell: Cell,
     seed: int,
     builder: GraphBuilder,
-    preset: str | None,
+    preset: Presets | None,
     overrides: Sequence[str],
 ) -> CellPlan:
     """Resolve one cell at one seed."""
