@@ -123,7 +123,7 @@ class HandModel:
         try:
             with np.load(path, allow_pickle=False) as arrays:
                 return replace(cls._from_arrays(arrays), closing=closing or ClosingConfig())
-        except (OSError, ValueError, KeyError, BadZipFile) as error:
+        except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
             raise DmfcError(f"{path} is not a hand model of version {VERSION}: {error}") from error
 
     @classmethod
