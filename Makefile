@@ -12,7 +12,7 @@ export OMP_NUM_THREADS ?= 1
 export MALLOC_MMAP_MAX_ ?= 0
 export MALLOC_TRIM_THRESHOLD_ ?= 1073741824
 
-.PHONY: install reproduce test test-all chaos bench lint format clean
+.PHONY: reference install reproduce test test-all chaos bench lint format clean
 
 install: $(STAMP)
 
@@ -27,6 +27,10 @@ $(STAMP): pyproject.toml
 # Tables I and II: trains and evaluates every cell; goes on where an earlier call stopped.
 reproduce: install
 	$(BIN)/dmfc sweep table1 table2 --preset $(PRESET) --store $(STORE)
+
+# Pages of docs/reference that are made from the code; a test says when they are old.
+reference: install
+	$(BIN)/python -m dmfc.cli.reference docs/reference
 
 # Everything that needs Python packages alone.
 test: install

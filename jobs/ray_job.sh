@@ -2,7 +2,7 @@
 # A sweep as a job on a Ray cluster that is already there. Every node must see STORE (a shared
 # folder) and have dmfc installed; the job may be submitted again: it goes on where it was.
 #
-#   RAY_ADDRESS=http://head:8265 STORE=/shared/dmfc jobs/ray_job.sh table1 table2 --preset paper
+#   RAY_ADDRESS=http://head:8265 STORE=/shared/dmfc jobs/ray_job.sh table1 table2 --preset full
 #
 # If the cluster has token authentication (Ray has it by default since 2.59), set RAY_AUTH_MODE=token
 # and have its token in RAY_AUTH_TOKEN or in ~/.ray/auth_token.

@@ -2,7 +2,7 @@
 # A sweep on nodes of a Slurm cluster: Ray's head on the first, its workers on the others, the
 # driver beside the head. STORE must be on a file system that all of them see.
 #
-#   sbatch --nodes=100 jobs/slurm.sh table1 table2 --preset paper
+#   sbatch --nodes=100 jobs/slurm.sh table1 table2 --preset full
 #
 # Killed at the time limit or by a node's death it is queued again, and goes on where it was.
 #SBATCH --job-name=dmfc

@@ -4,28 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
+from dmfc.cli import complete
 from dmfc.experiment.console import stderr
-
-if TYPE_CHECKING:
-    pass
 
 INTERRUPTED = 130
 """Exit status after Ctrl-C, as shells have it."""
 
 Preset = Annotated[
-    str,
+    list[str],
     typer.Option(
-        "--preset", help="Settings to start from: smoke, quick, hour, paper, or a YAML file."
+        "--preset",
+        help="Settings to start from: smoke, quick, medium, full, literal, or a YAML file. "
+        "Repeatable: the last one wins.",
+        autocompletion=complete.presets,
     ),
 ]
 Overrides = Annotated[
     list[str] | None,
     typer.Option(
-        "--set", help="key=value over the preset, for example training.seed=1. Repeatable."
+        "--set",
+        help="key=value over the preset, for example training.seed=1 (`dmfc config` lists the "
+        "keys). Repeatable.",
+        autocompletion=complete.overrides,
     ),
 ]
 Store = Annotated[
@@ -34,7 +38,7 @@ Store = Annotated[
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Answer with JSON on standard output.")]
 
-PRESET = "quick"
+PRESET = ["quick"]
 STORE = Path("store")
 
 

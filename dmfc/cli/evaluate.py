@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from dmfc.cli import complete
 from dmfc.cli.common import PRESET, STORE, AsJson, Overrides, Preset, Store
 from dmfc.errors import DmfcError
 from dmfc.experiment.console import answer, show_rows
@@ -35,7 +36,11 @@ def evaluate(
         ),
     ] = "",
     protocol: Annotated[
-        str, typer.Option(help="paper, dexgraspbench, or a YAML file; default: the preset's.")
+        str,
+        typer.Option(
+            help="default, dexgraspbench, or a YAML file; if not given: the preset's.",
+            autocompletion=complete.protocols,
+        ),
     ] = "",
     preset: Preset = PRESET,
     overrides: Overrides = None,

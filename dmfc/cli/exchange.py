@@ -74,7 +74,7 @@ def grasps_import(
     stages = [session.builder.hand(config), *found]
     require(session.make(stages), stages)
     hand_folder, object_folder = (session.ledger.verified(stage.address) for stage in stages)
-    hand, model = load_hand(hand_folder), load_object(object_folder)
+    hand, model = load_hand(hand_folder, config.closing), load_object(object_folder)
     description = load_description(config.hand.name)
     mapped = load_hand_map(hand_map or format_name)
     foreign = read_foreign(format_name, paths, mapped, model, scale)
@@ -120,7 +120,7 @@ def grasps_export(
     def folder(stage: Stage) -> Path:
         return session.ledger.verified(stage.address)
 
-    hand = load_hand(folder(hand_stage))
+    hand = load_hand(folder(hand_stage), config.closing)
     description = load_description(config.hand.name)
     mapped = load_hand_map(hand_map or "dexgraspbench")
     rows = {}

@@ -188,7 +188,8 @@ def _prepared(
     require(outcomes, [hand])
     failed |= failures(outcomes, stages)
     folders = [session.ledger.verified(s.address) for s in stages if s.name not in failed]
-    return load_hand(session.ledger.verified(hand.address)), dict(Objects(folders))
+    hand_folder = session.ledger.verified(hand.address)
+    return load_hand(hand_folder, session.config.closing), dict(Objects(folders))
 
 
 def _measure(

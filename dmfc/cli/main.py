@@ -9,6 +9,7 @@ import typer
 
 from dmfc.cli import (
     assets,
+    config,
     doctor,
     evaluate,
     exchange,
@@ -33,6 +34,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command()(doctor.doctor)
+app.command()(config.config)
 app.add_typer(assets.assets, name="assets")
 app.add_typer(objects.objects, name="objects")
 grasps.grasps.command("import")(exchange.grasps_import)

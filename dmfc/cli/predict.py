@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from dmfc.cli import complete
 from dmfc.cli.common import AsJson
 from dmfc.errors import DmfcError
 from dmfc.experiment.console import show_rows, stderr
@@ -23,7 +24,11 @@ Cloud = Annotated[
 ]
 Model = Annotated[
     str,
-    typer.Option("--model", help="A shipped model (dmfc models list), or a folder."),
+    typer.Option(
+        "--model",
+        help="A shipped model (dmfc models list), or a folder.",
+        autocompletion=complete.models,
+    ),
 ]
 Unit = Annotated[str, typer.Option(help="m, cm or mm; default: m, and mm for whole-number depth.")]
 Up = Annotated[str, typer.Option(help="x,y,z against gravity in the cloud's frame; default 0,0,1.")]

@@ -154,7 +154,7 @@ def scenes_freeze(
     check: Annotated[bool, typer.Option("--check", help="Compare with it; 1 if they differ.")] = (
         False
     ),
-    preset: Preset = "paper",
+    preset: Preset = ["full"],  # noqa: B006
     overrides: Overrides = None,
     store: Store = STORE,
     as_json: AsJson = False,

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from dmfc.cli import complete
 from dmfc.cli.common import PRESET, STORE, AsJson, Overrides, Preset, Store
 from dmfc.cli.dry_run import show_plans
 from dmfc.experiment.console import answer
@@ -37,7 +38,11 @@ def group() -> None:
 @sweep_app.command("run")
 def sweep(
     files: Annotated[
-        list[str], typer.Argument(help="Sweep files, or names of shipped ones such as table1.")
+        list[str],
+        typer.Argument(
+            help="Sweep files, or names of shipped ones such as table1.",
+            autocompletion=complete.sweeps,
+        ),
     ],
     preset: Preset = PRESET,
     overrides: Overrides = None,

@@ -12,6 +12,7 @@ from dmfc.cli.predict import DropInvalid, Intrinsics, Mask, Model, Pose, Table, 
 from dmfc.errors import DmfcError
 
 if TYPE_CHECKING:
+    from dmfc.config.presets import Presets
     from dmfc.view.data import View
 
 
@@ -94,7 +95,7 @@ def _of_cloud(
 
 
 def _of_evaluation(
-    source: str, scene: int | None, trial: str, preset: str, overrides: list[str], store: Path
+    source: str, scene: int | None, trial: str, preset: Presets, overrides: list[str], store: Path
 ) -> View:
     from dmfc.experiment.evaluation import evaluated
     from dmfc.pipeline.replay import find_scene, parse_trial

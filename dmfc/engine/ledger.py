@@ -19,6 +19,7 @@ from typing import Any
 
 from filelock import FileLock
 
+from dmfc.config.setting import KEYS_VERSION
 from dmfc.engine.record import (
     FAILURE,
     RECORD,
@@ -28,10 +29,13 @@ from dmfc.engine.record import (
     read_record,
     verified,
 )
-from dmfc.errors import DmfcError
+from dmfc.errors import DmfcError, first_line
 from dmfc.files.atomic import move, sync, write_json
 from dmfc.files.digest import folder_digests
 from dmfc.files.sealed import write_sealed
+
+VERSION = "version.json"
+"""The file of a store that says which version of keys its stages have; none: version 1."""
 
 
 class Ledger:
@@ -41,17 +45,43 @@ class Ledger:
         self.store = _folder_of(store)
 
     def prepare(self) -> None:
-        """Make the store's folders. Raises DmfcError where the store cannot be written."""
+        """Make the store's folders.
+
+        Raises DmfcError where the store cannot be written, or is of another version of dmfc.
+        """
+        self.check_version()
         try:
             for name in ("stages", "work", "locks", "sweeps"):
                 (self.store / name).mkdir(parents=True, exist_ok=True)
             probe = self.store / "work" / f".probe-{uuid.uuid4().hex}"
             probe.touch()
             probe.unlink()
+            if not (self.store / VERSION).is_file():
+                write_json(self.store / VERSION, {"keys": KEYS_VERSION})
         except OSError as error:
             raise DmfcError(
                 f"cannot write to the store '{self.store}': {error.strerror} (see --store)"
             ) from error
+
+    def check_version(self) -> None:
+        """Raises DmfcError where the stages have keys of another version: none would be found."""
+        path = self.store / VERSION
+        if path.is_file():
+            try:
+                version = json.loads(path.read_text())["keys"]
+            except (OSError, ValueError, KeyError, TypeError) as error:
+                raise DmfcError(
+                    f"'{path}' cannot be read ({first_line(error)}): delete it if this version of "
+                    "dmfc made the store"
+                ) from error
+        else:
+            version = 1 if next(self.addresses(), None) else KEYS_VERSION
+        if version != KEYS_VERSION:
+            raise DmfcError(
+                f"the store '{self.store}' was made by another version of dmfc (keys {version}, "
+                f"this one has {KEYS_VERSION}), which cannot use its stages: give another --store, "
+                "or delete it; `dmfc tables` still reads it"
+            )
 
     def folder(self, address: str) -> Path:
         """Where the finished stage at `address` ('kind/key') is, or will be."""

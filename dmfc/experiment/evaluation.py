@@ -13,6 +13,7 @@ from dmfc.experiment.session import Session, require
 if TYPE_CHECKING:
     import pandas as pd
 
+    from dmfc.config.presets import Presets
     from dmfc.engine.stage import Stage
     from dmfc.report.table import SweepTable, TableRow
 
@@ -74,7 +75,7 @@ class Evaluation:
 
 
 def evaluated(
-    source: str, preset: str, overrides: Sequence[str], store: Path
+    source: str, preset: Presets, overrides: Sequence[str], store: Path
 ) -> tuple[Session, tuple[Stage, ...]]:
     """The finished evaluations of a model, row or grasp sets, made where they are missing."""
     checkpoint, files = _source(source)
@@ -87,11 +88,12 @@ def evaluated(
 
 
 def read_evaluation(
-    session: Session, stages: Sequence[Stage], source: str, preset: str
+    session: Session, stages: Sequence[Stage], source: str, preset: Presets
 ) -> Evaluation:
     """The rows of finished evaluation stages, and their rates."""
     import pandas as pd
 
+    from dmfc.config.presets import preset_title
     from dmfc.pipeline.artifacts import TRIALS, load_diversity, load_trials
     from dmfc.report.rates import concatenate
     from dmfc.report.table import CellRows, make_table
@@ -103,7 +105,8 @@ def read_evaluation(
     config = session.config
     wanted = config.execution.grasps_per_scene * config.scenes.test.count
     cell = CellRows(source, source, config.execution.seed, wanted, trials)
-    table = make_table([cell], id="evaluate", name=source, title=source, preset=preset)
+    title = preset_title(preset)
+    table = make_table([cell], id="evaluate", name=source, title=source, preset=title)
     return Evaluation(source, trials, diversity, table, files)
 
 

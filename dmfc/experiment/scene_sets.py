@@ -14,6 +14,7 @@ from dmfc.experiment.session import Session, require
 from dmfc.pipeline.artifacts import GRASPS, SCENES, load_hand, load_object
 
 if TYPE_CHECKING:
+    from dmfc.config.presets import Presets
     from dmfc.engine.stage import Stage
     from dmfc.hand.model import HandModel
     from dmfc.objects.model import ObjectModel
@@ -26,7 +27,7 @@ SHEET_ROWS = 5
 
 
 def open_set(
-    split: str, at: str | None, preset: str, overrides: Sequence[str] | None, store: Path
+    split: str, at: str | None, preset: Presets, overrides: Sequence[str] | None, store: Path
 ) -> tuple[PublishedSet, Session]:
     """The set at a folder or URL, or that of the settings if all its shards are made."""
     from dmfc.scenes.publish.published import MANIFEST, PublishedSet
@@ -123,7 +124,7 @@ def shard_files(session: Session, shards: Sequence[Stage]) -> list[Path]:
 def hand_of(session: Session) -> HandModel:
     stage = session.builder.hand(session.config)
     require(session.make([stage]), [stage])
-    return load_hand(session.ledger.verified(stage.address))
+    return load_hand(session.ledger.verified(stage.address), session.config.closing)
 
 
 def objects_of(session: Session, split: str, shown: Sequence[Scene]) -> Mapping[str, ObjectModel]:

@@ -16,6 +16,7 @@ from dmfc.errors import DmfcError
 from dmfc.experiment.console import stderr
 
 if TYPE_CHECKING:
+    from dmfc.config.presets import Presets
     from dmfc.config.schema import Config
     from dmfc.engine.engine import Outcomes, Watcher
     from dmfc.engine.ledger import Ledger
@@ -37,7 +38,7 @@ class Session:
     @classmethod
     def open(
         cls,
-        preset: str,
+        preset: Presets,
         overrides: Sequence[str] | None,
         store: Path,
         grasp_files: Mapping[str, Path] | None = None,
@@ -49,7 +50,9 @@ class Session:
         from dmfc.pipeline.selection import list_refs
 
         config = load_config(preset, overrides or [])
-        return cls(config, Ledger(store), GraphBuilder(list_refs, grasp_files=grasp_files))
+        ledger = Ledger(store)
+        ledger.check_version()
+        return cls(config, ledger, GraphBuilder(list_refs, grasp_files=grasp_files))
 
     def make(self, targets: Sequence[Stage]) -> Outcomes:
         """Run what is missing, shown on standard error; ends the program on Ctrl-C."""

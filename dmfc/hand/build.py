@@ -12,6 +12,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from dmfc.config.closing import ClosingConfig
 from dmfc.config.hand import HandConfig
 from dmfc.errors import DmfcError
 from dmfc.geometry.grid import Grid
@@ -45,8 +46,6 @@ def build_hand(config: HandConfig) -> HandModel:
         dof_names=description.dof_names,
         open_joints=description.open_joints,
         flexion=description.flexion_direction,
-        opening=config.opening,
-        squeeze=config.squeeze,
         link_names=names,
         palm_reference=np.array(description.palm_reference, dtype=np.float64),
         palm_normal=normal / np.linalg.norm(normal),
@@ -58,6 +57,7 @@ def build_hand(config: HandConfig) -> HandModel:
         link_vertices=[np.asarray(mesh.vertices, dtype=np.float64) for mesh in visuals],
         link_faces=[np.asarray(mesh.faces, dtype=np.int32) for mesh in visuals],
         **tree,
+        closing=ClosingConfig(),
     )
 
 

@@ -19,6 +19,7 @@ from dmfc.network.model_files import CONFIG, METRICS, SUMMARY, WEIGHTS
 if TYPE_CHECKING:
     import pandas as pd
 
+    from dmfc.config.closing import ClosingConfig
     from dmfc.grasps.grasp_set import GraspSet
     from dmfc.hand.model import HandModel
     from dmfc.objects.model import ObjectModel
@@ -34,11 +35,11 @@ SCENE_COUNTS = "counts.json"
 """Scenes, labels and dropped labels of a shard."""
 
 
-def load_hand(folder: Path) -> HandModel:
-    """The hand of a stage 'hand'."""
+def load_hand(folder: Path, closing: ClosingConfig | None = None) -> HandModel:
+    """The hand of a stage 'hand', whose fingers close as `closing` says (None: by default)."""
     from dmfc.hand.model import HandModel
 
-    return HandModel.load(folder / HAND)
+    return HandModel.load(folder / HAND, closing)
 
 
 def load_object(folder: Path) -> ObjectModel:

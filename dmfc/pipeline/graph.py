@@ -138,6 +138,7 @@ class GraphBuilder:
             return self.stage("grasps", obj.name, taken, hints={"file": str(path)})
         settings = {
             "hand": config.hand,
+            "closing": config.closing,
             "grasps": without(config.grasps, "source", "library"),
             "physics": config.physics,
             # Not losses.q1: a cell that learns with another metric keeps the same labels.
@@ -181,6 +182,8 @@ class GraphBuilder:
                 {
                     "set": without(chosen, "count"),
                     "scenes": scenes,
+                    # Labels must leave room for the opened hand; no squeeze is involved.
+                    "closing": without(config.closing, "squeeze"),
                     "start": start,
                     "stop": min(start + size, chosen.count),
                     **tolerant,
@@ -240,6 +243,7 @@ class GraphBuilder:
         settings = {
             "row": "model" if trained or checkpoint else model,
             "hand": under.hand,
+            "closing": under.closing,
             "execution": without(under.execution, "protocol", "changes"),
             "physics": under.physics,
         }

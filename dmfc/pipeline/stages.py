@@ -5,7 +5,6 @@ Heavy imports are inside the functions, so that a worker loads only what its sta
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -60,7 +59,7 @@ def plan_grasps(ctx: StageContext) -> None:
     (folder,) = whole([ctx.input("object")])
     found = plan(
         load_object(folder),
-        load_hand(ctx.input("hand")),
+        load_hand(ctx.input("hand"), ctx.config["closing"]),
         load_description(ctx.config["hand"].name),
         ctx.config["grasps"],
         ctx.config["physics"],
@@ -108,7 +107,7 @@ def make_scenes(ctx: StageContext) -> None:
         range(ctx.config["start"], ctx.config["stop"]),
         Objects(given(ctx.input_list("objects"))),
         load_grasp_sets(given(ctx.input_list("grasps"))),
-        load_hand(ctx.input("hand")),
+        load_hand(ctx.input("hand"), ctx.config["closing"]),
         ctx.out / SCENES,
         ctx.progress,
     )
@@ -159,11 +158,7 @@ def evaluation_of(
         return whole(folders)
 
     row = config["row"]
-    hand = dataclasses.replace(
-        load_hand(one("hand")),
-        opening=config["hand"].opening,
-        squeeze=config["hand"].squeeze,
-    )
+    hand = load_hand(one("hand"), config["closing"])
     network = None
     if row == "model":
         weights = Path(hints["weights"]) if "weights" in config else one("model")

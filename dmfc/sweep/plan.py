@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from dmfc.config.presets import Presets, preset_title
 from dmfc.config.schema import Config
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.stage import Stage, closure, plain
@@ -43,7 +44,7 @@ class SweepPlan:
     """Everything a sweep will compute; of a search, what is known of it yet."""
 
     sweep: Sweep
-    preset: str | None
+    preset: Presets | None
     cells: tuple[CellPlan, ...]
     identity: Any = None
     """What the id is made of; None: the cells."""
@@ -91,7 +92,7 @@ class SweepPlan:
             name=self.sweep.name,
             title=self.sweep.title,
             file=str(self.sweep.path),
-            preset=self.preset,
+            preset=preset_title(self.preset),
             baseline=self.sweep.baseline,
             show=tuple(self.sweep.show),
             cells=tuple(_cell_record(plan) for plan in self.cells),
@@ -105,7 +106,7 @@ def plan_cell(
     cell: Cell,
     seed: int,
     builder: GraphBuilder,
-    preset: str | None,
+    preset: Presets | None,
     overrides: Sequence[str],
 ) -> CellPlan:
     """Resolve one cell at one seed."""

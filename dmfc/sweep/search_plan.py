@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Collection, Mapping, Sequence
 
+from dmfc.config.presets import Presets
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.stage import plain
 from dmfc.errors import DmfcError
@@ -26,7 +27,7 @@ class SearchPlanner:
         self,
         sweep: Sweep,
         builder: GraphBuilder,
-        preset: str | None,
+        preset: Presets | None,
         overrides: Sequence[str],
         ledger: Ledger,
     ) -> None:

@@ -18,7 +18,7 @@ import typer
 from typer.core import TyperGroup
 
 from dmfc.cli import main as cli
-from dmfc.config.load import shipped_names
+from dmfc.config.shipped import shipped_names
 from dmfc.engine.pools import LocalPool
 from dmfc.engine.state import read_state
 from dmfc.pipeline import selection

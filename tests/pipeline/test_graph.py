@@ -59,7 +59,10 @@ def test_table_one_shares_data_and_pretraining(builder):
         ("losses.units.guidance=0.5", {"finetune", "evaluate"}),
         ("losses.grasp_space.length_unit=0.5", {"pretrain", "finetune", "evaluate"}),
         ("training.finetune.epochs=9", {"finetune", "evaluate"}),
-        ("training.hard_samples=9", {"pretrain", "finetune", "evaluate"}),
+        ("training.hard_samples=9", {"finetune", "evaluate"}),
+        ("closing.squeeze=0.4", {"grasps", "scenes", "pretrain", "finetune", "evaluate"}),
+        ("closing.opening=0.4", {"grasps", "scenes", "pretrain", "finetune", "evaluate"}),
+        ("execution.changes={closing.squeeze: 0.4}", {"evaluate"}),
         ("training.pretrain.epochs=9", {"pretrain", "finetune", "evaluate"}),
         ("losses.weights.confidence=7", {"pretrain", "finetune", "evaluate"}),
         ("network.width=16", {"pretrain", "finetune", "evaluate"}),
@@ -95,8 +98,8 @@ def test_how_hard_samples_are_chosen_in_finetuning_leaves_pretraining_alone(buil
     usual = kinds()
     for override in (
         "training.hard_samples=9",
-        "training.hard_scope=scene",
-        "training.finetune_seeds=labelled",
+        "training.hard_scope=batch",
+        "training.finetune_seeds=all",
     ):
         other = kinds(override)
         assert other["pretrain"] == usual["pretrain"]
