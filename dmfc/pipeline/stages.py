@@ -90,7 +90,7 @@ def _record(folder: Path) -> dict[str, Any]:
 
 
 def make_scenes(ctx: StageContext) -> None:
-    """scenes: `scenes.parquet` and `counts.json`."""
+    """scenes: `scenes.parquet` and `counts.json`; with labels where grasps are given."""
     from dmfc.scenes.make import make_scene_file
 
     given = whole if ctx.hints.get("lacking") != "allowed" else present
@@ -99,7 +99,7 @@ def make_scenes(ctx: StageContext) -> None:
         ctx.config["set"],
         range(ctx.config["start"], ctx.config["stop"]),
         _Objects(given(ctx.input_list("objects"))),
-        _grasp_sets(given(ctx.input_list("grasps"))),
+        _grasp_sets(given(ctx.input_list("grasps"))) if "grasps" in ctx.inputs else None,
         _hand(ctx),
         ctx.out / SCENES,
         ctx.progress,
@@ -168,6 +168,7 @@ def evaluation_of(
         scenes=SceneSet.open([one("scenes") / SCENES]),
         objects=_Objects(several("objects")),
         grasps=_grasp_sets(several("grasps")) if row == "planner" else None,
+        labels=config.get("labels"),
         network=network,
         hand=hand,
         description=load_description(config["hand"].name),
