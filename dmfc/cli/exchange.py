@@ -86,12 +86,13 @@ def grasps_import(
         file.parent.mkdir(parents=True, exist_ok=True)
         grasps.save(file)
         rows[name] = {"object": name, "grasps": len(grasps), **grasps.notes, "file": str(file)}
-    names = [*found.sets, *found.failed]
-    show_rows("imported", with_failures(names, rows, dict(found.failed)), as_json)
+    names, failed = [*found.sets, *found.failed], dict(found.failed)
+    shown = with_failures(names, rows, failed) if failed else list(rows.values())
+    show_rows("imported", shown, as_json)
     if found.strangers:
         count, first = len(found.strangers), found.strangers[0]
         warn([f"{count} files are of no object of --object {object_name}, such as {first}"])
-    end_if_failed(dict(found.failed), len(names))
+    end_if_failed(failed, len(names))
 
 
 def grasps_export(

@@ -158,7 +158,7 @@ QPOS = np.concatenate([[0, 0, 0.1, 1, 0, 0, 0], np.full(22, 0.1)])
             {"grasp_qpos": np.where(np.arange(29) == 3, 0, QPOS)},
             "quaternion of a pose has length 0",
         ),
-        ({"obj_pose": np.zeros(7)}, "quaternion of a pose has length 0"),
+        ({"obj_pose": np.zeros(7)}, "has length 0, not 1"),
         ({"obj_pose": np.array([0, 0, 0, 0.7, 0, 0, 0.1])[:6]}, "obj_pose must be 7 finite"),
         ({"grasp_qpos": np.where(np.arange(29) == 9, np.nan, QPOS)}, "grasp_qpos must be finite"),
         ({"grasp_qpos": np.where(np.arange(29) == 0, np.inf, QPOS)}, "grasp_qpos must be finite"),

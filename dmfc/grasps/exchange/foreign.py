@@ -69,7 +69,8 @@ def numbers(value: Any, count: int | None, place: str, what: str) -> np.ndarray:
 
 def size(value: Any, place: str, what: str) -> float:
     """A length above 0. Raises DmfcError with `place` for anything else."""
-    found = float(numbers([value] if np.ndim(value) == 0 else value, 1, place, what)[0])
+    single = not isinstance(value, list | tuple | dict) and np.ndim(value) == 0
+    found = float(numbers([value] if single else value, 1, place, what)[0])
     if found <= 0:
         raise DmfcError(f"{place}: {what} is {found:g}, not a size")
     return found
