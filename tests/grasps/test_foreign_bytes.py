@@ -168,10 +168,18 @@ def test_any_hand_map(tmp_path, content):
 
 
 def grasp_set(count: int = 3) -> GraspSet:
-    unknown = [np.full(count, np.nan)] * 4
     rotation = np.tile(np.eye(3), (count, 1, 1))
-    joints, position = np.zeros((count, 2)), np.zeros((count, 3))
-    return GraspSet("own/a", "h", ["a", "b"], position, rotation, joints, position, *unknown)
+    position = np.zeros((count, 3))
+    return GraspSet(
+        object_id="own/a",
+        hand="h",
+        dof_names=["a", "b"],
+        position=position,
+        rotation=rotation,
+        joints=np.zeros((count, 2)),
+        palm_hit=position,
+        **dict.fromkeys(("q1", "penetration", "robustness", "contacts"), np.full(count, np.nan)),
+    )
 
 
 @ANY

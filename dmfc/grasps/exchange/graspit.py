@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from dmfc.errors import DmfcError
+from dmfc.errors import DmfcError, one_line
 from dmfc.geometry.transforms import inverse
 from dmfc.grasps.exchange.foreign import ForeignGrasps, numbers, pose
 
@@ -46,7 +46,7 @@ def _world(path: Path) -> tuple[np.ndarray, np.ndarray]:
     except OSError as error:
         raise DmfcError(f"{path}: cannot be read ({error})") from error
     except (ElementTree.ParseError, ValueError, LookupError) as error:
-        raise DmfcError(f"{path}: not XML ({' '.join(str(error).split())})") from error
+        raise DmfcError(f"{path}: not XML ({one_line(error)})") from error
     robot, body = _only(root, "robot", path), _only(root, "graspableBody", path)
     values = robot.find("dofValues")
     if values is None:

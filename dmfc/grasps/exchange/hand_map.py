@@ -17,7 +17,7 @@ from omegaconf.errors import OmegaConfBaseException
 from scipy.spatial.transform import Rotation
 from yaml import YAMLError
 
-from dmfc.errors import DmfcError, unknown_name
+from dmfc.errors import DmfcError, first_line, one_line, unknown_name
 from dmfc.geometry.transforms import transform
 from dmfc.grasps.exchange.foreign import numbers, pose
 from dmfc.hand.description import HandDescription
@@ -93,9 +93,9 @@ def load_hand_map(name: str) -> HandMap:
         found = OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(HandMap), given))
     except OmegaConfBaseException as error:
         where = f" (key {error.full_key})" if error.full_key else ""
-        raise DmfcError(f"hand map {path}: {str(error).splitlines()[0]}{where}") from error
+        raise DmfcError(f"hand map {path}: {first_line(error)}{where}") from error
     except (YAMLError, TypeError, ValueError, OSError, RecursionError, AttributeError) as error:
-        raise DmfcError(f"hand map {path}: {' '.join(str(error).split())}") from error
+        raise DmfcError(f"hand map {path}: {one_line(error)}") from error
     assert isinstance(found, HandMap)
     numbers(found.position, 3, f"hand map {path}", "position")
     rotation = numbers(found.rotation, 4, f"hand map {path}", "rotation")
