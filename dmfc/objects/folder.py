@@ -11,8 +11,7 @@ from pathlib import Path
 
 from dmfc.errors import DmfcError
 from dmfc.files.below import files_below
-from dmfc.objects.source import ObjectSource, as_name
-from dmfc.objects.sources import UNITS
+from dmfc.objects.source import UNITS, ObjectSource, as_name
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from scipy.spatial import ConvexHull, cKDTree
 from dmfc.config.scenes import ScenesConfig
 from dmfc.errors import DmfcError, first_line
 from dmfc.geometry.points import choose
-from dmfc.objects.sources import UNITS
+from dmfc.objects.source import UNITS
 from dmfc.scenes.scene_set import Scene, write_shard
 from dmfc.sensing.cameras import table_cameras
 
