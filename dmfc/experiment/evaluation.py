@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from dmfc.config.protocol import executed
 from dmfc.errors import DmfcError, unknown_name
+from dmfc.experiment.console import warn
 from dmfc.experiment.session import Session, require
 from dmfc.files.below import files_below
 
@@ -94,7 +95,19 @@ def evaluated(
     model = "planner" if files else source
     stages = session.builder.cell(session.config, model, source, checkpoint).evaluations
     require(session.make(stages), stages)
+    warn(_implausible(session))
     return session, stages
+
+
+def _implausible(session: Session) -> list[str]:
+    """Warnings of masses that the user's own test objects cannot have."""
+    from dmfc.objects.mass import implausible_mass
+    from dmfc.pipeline.artifacts import load_object
+
+    objects = session.builder.objects(session.config, "test")
+    own = [stage for stage in objects if stage.name.startswith(("folder/", "own/"))]
+    folders = [session.ledger.folder(stage.address) for stage in own]
+    return [implausible_mass(load_object(folder)) for folder in folders if folder.is_dir()]
 
 
 def _require_trial(config: Config, scene: int, trial: int) -> None:
