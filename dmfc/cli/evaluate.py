@@ -71,8 +71,12 @@ def evaluate(
         raise DmfcError("--only pictures one trial, --dense a whole scene: give one of them")
     if not only and (video or detailed or (picture and dense is None)):
         raise DmfcError("--video, --detailed and --picture are of one trial: name it by --only")
+    from dmfc.pipeline.replay import parse_trial
+
     settings = [*(overrides or []), *scene_settings(scenes, protocol)]
-    session, stages = evaluated(source, preset, settings, store)
+    scene = None if dense is None else (dense, 0)
+    wanted = parse_trial(only) if only else scene
+    session, stages = evaluated(source, preset, settings, store, wanted)
     if only:
         from dmfc.pipeline.replay import Pictures, replay
 

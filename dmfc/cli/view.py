@@ -105,7 +105,7 @@ def _of_evaluation(
     if trial:
         scene, which = parse_trial(trial, "--trial")
     assert scene is not None
-    session, stages = evaluated(source, preset, overrides, store)
+    session, stages = evaluated(source, preset, overrides, store, (scene, which or 0))
     option = "--trial scene:trial" if trial else "--scene"
     _, evaluation, found = find_scene(session.ledger, stages, scene, option)
     return evaluated_view(evaluation, found, which, Path(source).name)

@@ -9,6 +9,7 @@ a `failure.json` in place of its outputs: users read it and go on without.
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 import uuid

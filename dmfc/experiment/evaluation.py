@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dmfc.config.protocol import executed
 from dmfc.errors import DmfcError, first_line, unknown_name
+from dmfc.experiment.console import warn
 from dmfc.experiment.session import Session, require
+from dmfc.files.below import files_below
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from dmfc.config.presets import Presets
+    from dmfc.config.schema import Config
     from dmfc.engine.stage import Stage
     from dmfc.report.table import SweepTable, TableRow
 
@@ -75,16 +80,53 @@ class Evaluation:
 
 
 def evaluated(
-    source: str, preset: Presets, overrides: Sequence[str], store: Path
+    source: str,
+    preset: Presets,
+    overrides: Sequence[str],
+    store: Path,
+    wanted: tuple[int, int] | None = None,
 ) -> tuple[Session, tuple[Stage, ...]]:
-    """The finished evaluations of a model, row or grasp sets, made where they are missing."""
-    checkpoint, files = _source(source)
-    settings = [f"objects.test=[{', '.join(files)}]"] if files else []
+    """The finished evaluations of a model, row or grasp sets, made where they are missing.
+
+    Raises DmfcError before anything is made where the scene and the trial in it that are `wanted`
+    are not among them.
+    """
+    checkpoint, files, objects = _source(source)
+    settings = [f"objects.test={json.dumps(objects, ensure_ascii=False)}"] if files else []
     session = Session.open(preset, [*overrides, *settings], store, grasp_files=files)
+    if wanted is not None:
+        _require_trial(session.config, *wanted)
     model = "planner" if files else source
     stages = session.builder.cell(session.config, model, source, checkpoint).evaluations
     require(session.make(stages), stages)
+    warn(_implausible(session))
     return session, stages
+
+
+def _implausible(session: Session) -> list[str]:
+    """Warnings of masses that the user's own test objects cannot have."""
+    from dmfc.objects.mass import implausible_mass
+    from dmfc.pipeline.artifacts import load_object
+
+    objects = session.builder.objects(session.config, "test")
+    own = [stage for stage in objects if stage.name.startswith(("folder/", "own/"))]
+    ledger = session.ledger
+    made = [s.address for s in own if ledger.finished(s.address) and not ledger.failure(s.address)]
+    return [implausible_mass(load_object(ledger.verified(address))) for address in made]
+
+
+def _require_trial(config: Config, scene: int, trial: int) -> None:
+    scenes, trials = config.scenes.test.count, executed(config).execution.grasps_per_scene
+    if not 0 <= scene < scenes:
+        raise DmfcError(
+            f"there is no scene {scene}: the {scenes} test scenes are 0 to {scenes - 1} "
+            "(setting scenes.test.count, option --scenes)"
+        )
+    if not 0 <= trial < trials:
+        raise DmfcError(
+            f"scene {scene} has no trial {trial}: its {trials} trials are 0 to {trials - 1} "
+            "(setting execution.grasps_per_scene)"
+        )
 
 
 def read_evaluation(
@@ -146,24 +188,35 @@ def read_trials(text: str) -> pd.DataFrame:
     return rows[rows["cell"] == cell]
 
 
-def _source(source: str) -> tuple[Path | None, dict[str, Path]]:
-    """A trained model's folder, or the files of grasp sets by object; neither for a known name."""
+def _source(source: str) -> tuple[Path | None, dict[str, Path], list[str]]:
+    """A trained model's folder, or grasp sets: their files by object, and the objects' selectors;
+    neither for a known name."""
     from dmfc.grasps.grasp_set import GraspSet
     from dmfc.pipeline.artifacts import WEIGHTS
     from dmfc.sweep.sweep_file import MODELS
 
     path = Path(source)
     if source in MODELS:
-        return None, {}
+        return None, {}, []
     if (path / WEIGHTS).is_file():
-        return path.absolute(), {}
-    sets = sorted(path.rglob("*.parquet")) if path.is_dir() else [path]
+        return path.absolute(), {}, []
+    sets = files_below(path, [".parquet"]) if path.is_dir() else [path]
     if not sets or not all(file.is_file() and file.suffix == ".parquet" for file in sets):
         raise DmfcError(
             f"{unknown_name('model', source, MODELS)}; nor is it a folder with {WEIGHTS} or "
             "grasp sets (.parquet)"
         )
-    return None, {GraspSet.load(file).object_id: file.absolute() for file in sets}
+    files: dict[str, Path] = {}
+    selectors = []
+    for file in sets:
+        found = GraspSet.load(file)
+        if found.object_id in files:
+            raise DmfcError(
+                f"two grasp sets of '{found.object_id}': {files[found.object_id]} and {file}"
+            )
+        files[found.object_id] = file.absolute()
+        selectors.append(found.notes.get("object_selector", found.object_id))
+    return None, files, selectors
 
 
 def _means(spread: pd.DataFrame) -> dict[str, float | None]:

@@ -17,7 +17,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from scipy.spatial.transform import Rotation
 
-from dmfc.errors import DmfcError
+from dmfc.errors import DmfcError, one_line
 from dmfc.files.atomic import written_whole
 from dmfc.grasps.grasps import Grasps
 
@@ -98,18 +98,24 @@ class GraspSet(Grasps):
     def load(cls, path: Path | BinaryIO) -> GraspSet:
         """Read a file that `save` wrote. Raises DmfcError if it is missing or something else."""
         try:
-            table = pq.read_table(path)
-        except (OSError, pa.ArrowInvalid) as error:
-            raise DmfcError(f"grasp set {path}: cannot be read ({error})") from error
+            return cls._of(pq.read_table(path))
+        except Exception as error:  # of a damaged file, Arrow and NumPy raise whatever they like
+            raise DmfcError(f"grasp set {path}: cannot be read ({one_line(error)})") from error
+
+    @classmethod
+    def _of(cls, table: pa.Table) -> GraspSet:
         metadata = {k.decode(): v.decode() for k, v in (table.schema.metadata or {}).items()}
         if metadata.get("dmfc.grasp_set") != str(VERSION):
             found = metadata.get("dmfc.grasp_set", "none")
-            raise DmfcError(f"grasp set {path}: format version {found}, expected {VERSION}")
+            raise DmfcError(f"format version {found}, expected {VERSION}")
         dof_names = metadata["dof_names"].split()
         values = {name: table[name].to_numpy() for name in _SCALARS}
         for name, width in (("position", 3), ("joints", len(dof_names)), ("palm_hit", 3)):
             values[name] = _matrix(table[name], width)
         values["rotation"] = _rotations(_matrix(table["quaternion"], 4))
+        for name in ("position", "rotation", "joints"):
+            if not np.isfinite(values[name]).all():
+                raise DmfcError(f"{name} is not finite")
         notes = {
             key.removeprefix("note."): value
             for key, value in metadata.items()

@@ -24,6 +24,8 @@ from dmfc.hand.surface import LinkSurface, link_surfaces, visual_mesh
 
 CANDIDATES = 12
 """Surface samples drawn for every collision point that is kept."""
+_TOLERANCE = 1e-4
+"""rad by which an angle may be beyond its limits: both are rounded in files."""
 
 
 def build_hand(config: HandConfig) -> HandModel:
@@ -35,6 +37,7 @@ def build_hand(config: HandConfig) -> HandModel:
     model = hand_model(description)
     names = [model.body(body).name.removeprefix(PREFIX) for body in range(1, model.nbody)]
     tree = _tree(model, description, names)
+    _check_angles(description, tree["lower"], tree["upper"])
     surfaces = link_surfaces(model)
     candidates = _candidates(surfaces, config)
     link, points = _collision_points(candidates, config.collision_points)
@@ -117,6 +120,24 @@ def _check_joint(model: mujoco.MjModel, body: int, description: HandDescription)
     if wrong:
         name = model.body(body).name.removeprefix(PREFIX)
         raise DmfcError(f"hand '{description.name}': body '{name}' {wrong} (key mjcf)")
+
+
+def _check_angles(description: HandDescription, lower: np.ndarray, upper: np.ndarray) -> None:
+    """Raises DmfcError for an angle of the open hand or of a pre-shape that no joint can have."""
+    given = [("dofs", name, angle) for name, angle in description.dofs.items()]
+    given += [
+        ("preshape", name, end) for name, ends in description.preshape.items() for end in ends
+    ]
+    for key, name, angle in given:
+        dof = description.dof_names.index(name)
+        low, high = lower[dof] - _TOLERANCE, upper[dof] + _TOLERANCE
+        if not low <= angle <= high:
+            degrees = f"; {angle:g} degrees are {np.radians(angle):.4g} rad"
+            raise DmfcError(
+                f"hand '{description.name}': {key}.{name} is {angle:g} rad, but the joint turns "
+                f"from {lower[dof]:.4g} to {upper[dof]:.4g} rad"
+                + (degrees if low <= np.radians(angle) <= high else "")
+            )
 
 
 def _candidates(surfaces: list[LinkSurface], config: HandConfig) -> list[np.ndarray]:

@@ -1,4 +1,4 @@
-"""CoACD in a process of its own: `python -m dmfc.objects.decompose ARGUMENTS.npz PARTS.npz`.
+"""CoACD in a process of its own: `python -m dmfc.objects.decompose IN.npz OUT.npz SECONDS`.
 
 On a few meshes CoACD 1.0 ends its process (an assertion of its triangulation, or a segmentation
 fault), which nothing in that process can catch.
@@ -6,6 +6,7 @@ fault), which nothing in that process can catch.
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 import tempfile
@@ -16,17 +17,41 @@ import numpy as np
 
 from dmfc.errors import DmfcError
 
+CPU_LIMIT = 1200
+"""Seconds of all threads: the same verdict on a busy machine. Objects of the packs need less than
+two minutes."""
+WALL_LIMIT = 7200
+"""Seconds after which nothing is expected any more."""
+
 
 def decompose(vertices: np.ndarray, faces: np.ndarray, **options: Any) -> list[np.ndarray] | None:
     """Points [n, 3] of each convex part by `coacd.run_coacd`; None where CoACD crashed.
 
-    Raises DmfcError where its process failed otherwise (no CoACD, no memory, no disk).
+    Raises DmfcError where its process failed otherwise (no CoACD, no memory, no disk), or did not
+    end in time.
     """
     with tempfile.TemporaryDirectory(prefix="dmfc-coacd-") as folder:
         asked, answer = Path(folder, "asked.npz"), Path(folder, "parts.npz")
         np.savez(asked, vertices=vertices, faces=faces, **options)
         command = [sys.executable, "-P", "-m", __name__, str(asked), str(answer)]
-        ended = subprocess.run(command, check=False, capture_output=True, text=True)
+        try:
+            ended = subprocess.run(
+                [*command, str(CPU_LIMIT)],
+                check=False,
+                capture_output=True,
+                text=True,
+                timeout=WALL_LIMIT,
+            )
+        except subprocess.TimeoutExpired:
+            raise DmfcError(
+                f"the convex decomposition did not end within {WALL_LIMIT} s: this machine is "
+                "overloaded"
+            ) from TimeoutError()  # an error of the machine, not of the mesh
+        if ended.returncode == -signal.SIGXCPU:
+            raise DmfcError(
+                f"the convex decomposition did not end within {CPU_LIMIT} s of CPU time "
+                "(objects.prepare.convex_*); do faces of the mesh cross each other?"
+            )
         if ended.returncode < 0:  # by a signal
             return None
         if ended.returncode > 0:
@@ -36,7 +61,10 @@ def decompose(vertices: np.ndarray, faces: np.ndarray, **options: Any) -> list[n
             return [parts[f"arr_{k}"] for k in range(len(parts.files))]
 
 
-def _run(asked: str, answer: str) -> None:
+def _run(asked: str, answer: str, cpu_limit: str) -> None:
+    import resource
+
+    resource.setrlimit(resource.RLIMIT_CPU, (int(cpu_limit), int(cpu_limit) + 5))
     import coacd
 
     coacd.set_log_level("error")

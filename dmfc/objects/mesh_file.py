@@ -11,7 +11,7 @@ from pathlib import Path
 
 import trimesh
 
-from dmfc.errors import DmfcError
+from dmfc.errors import DmfcError, one_line
 
 MESH_SUFFIXES = (".stl", ".obj", ".ply", ".off", ".glb")
 _COMPRESSED = (b"KHR_draco_mesh_compression", b"EXT_meshopt_compression")
@@ -45,7 +45,7 @@ def _read(path: Path) -> trimesh.Trimesh:
         else:
             part = trimesh.load(path, force="mesh", process=False)
     except Exception as error:  # the readers of the formats raise whatever they like
-        raise DmfcError(f"mesh file {path} cannot be read: {_line(error)}") from error
+        raise DmfcError(f"mesh file {path} cannot be read: {one_line(error)}") from error
     if not isinstance(part, trimesh.Trimesh):
         raise DmfcError(f"mesh file {path} has no faces")
     faces = len(part.faces)
@@ -126,7 +126,3 @@ def _absolute(corner: bytes, counts: dict[bytes, int]) -> list[int]:
 
 def _text(number: int) -> bytes:
     return str(number).encode() if number else b""
-
-
-def _line(error: Exception) -> str:
-    return (" ".join(str(error).split()) or type(error).__name__)[:200]

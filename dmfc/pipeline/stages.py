@@ -97,7 +97,7 @@ def _record(folder: Path) -> dict[str, Any]:
 
 
 def make_scenes(ctx: StageContext) -> None:
-    """scenes: `scenes.parquet` and `counts.json`."""
+    """scenes: `scenes.parquet` and `counts.json`; with labels where grasps are given."""
     from dmfc.scenes.make import make_scene_file
 
     given = present if ctx.config.get("failed_objects") == "left out" else whole
@@ -106,7 +106,7 @@ def make_scenes(ctx: StageContext) -> None:
         ctx.config["set"],
         range(ctx.config["start"], ctx.config["stop"]),
         Objects(given(ctx.input_list("objects"))),
-        load_grasp_sets(given(ctx.input_list("grasps"))),
+        load_grasp_sets(given(ctx.input_list("grasps"))) if "grasps" in ctx.inputs else None,
         load_hand(ctx.input("hand"), ctx.config["closing"]),
         ctx.out / SCENES,
         ctx.progress,
@@ -170,6 +170,7 @@ def evaluation_of(
         scenes=load_scenes([one("scenes")]),
         objects=Objects(several("objects")),
         grasps=load_grasp_sets(several("grasps")) if row == "planner" else None,
+        labels=config.get("labels"),
         network=network,
         hand=hand,
         description=load_description(config["hand"].name),

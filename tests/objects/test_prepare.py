@@ -257,6 +257,21 @@ def test_where_coacd_crashes_the_mesh_as_it_is_is_decomposed(tmp_path, monkeypat
         convex_parts(mesh, CONFIG)
 
 
+@pytest.mark.parametrize(
+    ("limit", "work", "message"),
+    [
+        ("CPU_LIMIT", "while True: pass", r"within 1 s of CPU time \(objects\.prepare"),
+        ("WALL_LIMIT", "import time; time.sleep(3600)", "within 1 s: this machine is overloaded"),
+    ],
+)
+def test_a_decomposition_that_does_not_end_is_ended(tmp_path, monkeypatch, limit, work, message):
+    (tmp_path / "coacd.py").write_text(f"def set_log_level(level):\n    {work}\n")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setattr(f"dmfc.objects.decompose.{limit}", 1)
+    with pytest.raises(DmfcError, match=message):
+        convex_parts(clean(two_boxes(), "test/mesh"), CONFIG)
+
+
 CRASHING = """
 import os, pathlib
 import igl
