@@ -10,6 +10,26 @@ class DmfcError(Exception):
     """A failure that is explained to the user on one line, without a traceback."""
 
 
+class MachineError(DmfcError):
+    """A failure of the machine (network, cache, disk, memory, missing program), not of the work.
+
+    Another machine may do the same work, so nothing of it is recorded as a result.
+    """
+
+
+MACHINE_ERRORS = (MachineError, OSError, MemoryError, ImportError)
+
+
+def of_machine(error: BaseException) -> bool:
+    """Whether `error`, or what it was raised from, is a failure of the machine."""
+    cause: BaseException | None = error
+    while cause is not None:
+        if isinstance(cause, MACHINE_ERRORS):
+            return True
+        cause = cause.__cause__
+    return False
+
+
 def unknown_name(what: str, name: str, choices: Iterable[str]) -> DmfcError:
     """The error for a name that is not among `choices`: names the nearest one, then all of them."""
     choices = sorted(choices)

@@ -27,6 +27,7 @@ class RunConfig:
     retries: int = setting(1, "attempts after a stage died")
     search_trials: int = setting(0, "trials of a search; 0: as its sweep file says")
     ray_address: str = setting("", "address of a running Ray cluster; empty starts one here")
+    scales_up: bool = setting(False, "the cluster starts nodes when stages wait for them")
     tracking_uri: str = setting("", "MLflow tracking URI; empty: SQLite in the store")
     tracking_seconds: float = setting(5.0, "s between two updates of MLflow; 0: at the end alone")
     system_seconds: float = setting(10.0, "s between two samples of a stage's CPU, memory and GPU")

@@ -6,6 +6,7 @@ fault), which nothing in that process can catch.
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 import tempfile
@@ -14,24 +15,33 @@ from typing import Any
 
 import numpy as np
 
-from dmfc.errors import DmfcError
+from dmfc.errors import DmfcError, MachineError
+
+CRASHES = {-signal.SIGSEGV, -signal.SIGABRT, -signal.SIGFPE}
+"""Status of a process that CoACD ended. Other signals come from outside: the kernel, a person."""
+REFUSED = 3
+"""Exit status where CoACD raised an error of its own."""
 
 
 def decompose(vertices: np.ndarray, faces: np.ndarray, **options: Any) -> list[np.ndarray] | None:
     """Points [n, 3] of each convex part by `coacd.run_coacd`; None where CoACD crashed.
 
-    Raises DmfcError where its process failed otherwise (no CoACD, no memory, no disk).
+    Raises DmfcError where CoACD refused the mesh, and MachineError where its process failed
+    otherwise (no CoACD, no memory, no disk, killed).
     """
     with tempfile.TemporaryDirectory(prefix="dmfc-coacd-") as folder:
         asked, answer = Path(folder, "asked.npz"), Path(folder, "parts.npz")
         np.savez(asked, vertices=vertices, faces=faces, **options)
         command = [sys.executable, "-P", "-m", __name__, str(asked), str(answer)]
         ended = subprocess.run(command, check=False, capture_output=True, text=True)
-        if ended.returncode < 0:  # by a signal
+        short_of_memory = "bad_alloc" in ended.stderr
+        if ended.returncode in CRASHES and not short_of_memory:
             return None
-        if ended.returncode > 0:
-            reason = (ended.stderr.strip().splitlines() or ["no reason given"])[-1]
-            raise DmfcError(f"the convex decomposition failed: {reason}")
+        if ended.returncode:
+            signalled = f"its process was killed (signal {-ended.returncode})"
+            told = ended.stderr.strip().splitlines() or [signalled]
+            kind = DmfcError if ended.returncode == REFUSED else MachineError
+            raise kind(f"the convex decomposition failed: {told[-1]}")
         with np.load(answer) as parts:
             return [parts[f"arr_{k}"] for k in range(len(parts.files))]
 
@@ -42,8 +52,12 @@ def _run(asked: str, answer: str) -> None:
     coacd.set_log_level("error")
     with np.load(asked) as given:
         options = {name: given[name] for name in given.files}
-    mesh = coacd.Mesh(options.pop("vertices"), options.pop("faces"))
-    parts = coacd.run_coacd(mesh, **{name: value.item() for name, value in options.items()})
+    try:
+        mesh = coacd.Mesh(options.pop("vertices"), options.pop("faces"))
+        parts = coacd.run_coacd(mesh, **{name: value.item() for name, value in options.items()})
+    except (RuntimeError, ValueError) as error:
+        print(error, file=sys.stderr)
+        sys.exit(REFUSED)
     np.savez(answer, *(np.asarray(points) for points, _ in parts))
 
 

@@ -10,7 +10,7 @@ import manifold3d
 import numpy as np
 import trimesh
 
-from dmfc.errors import DmfcError
+from dmfc.errors import DmfcError, MachineError
 
 MESH_SUFFIXES = (".stl", ".obj", ".ply", ".off", ".glb")
 MIN_EXTENT = 0.005
@@ -45,11 +45,14 @@ class CleanMesh:
 
 
 def load_mesh(paths: list[Path], scale: float = 1.0) -> trimesh.Trimesh:
-    """Read one mesh from one or more files (joined), times `scale`; DmfcError if it cannot be."""
+    """Read one mesh from one or more files (joined), times `scale`.
+
+    Raises DmfcError if it cannot be read, MachineError if a file is not there.
+    """
     parts = []
     for path in paths:
         if not path.is_file():
-            raise DmfcError(f"mesh file {path} does not exist")
+            raise MachineError(f"mesh file {path} does not exist")
         try:
             part = trimesh.load(path, force="mesh", process=False)
         except Exception as error:  # the readers of the formats raise whatever they like
