@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from dmfc.engine.ledger import Ledger
 from dmfc.errors import DmfcError, unknown_name
 from dmfc.files.atomic import write_json
 from dmfc.report.formats import to_csv, to_json, to_latex, to_markdown
+from dmfc.report.left_out import left_out
 from dmfc.report.rates import concatenate
 from dmfc.report.table import CellRows, SweepTable, make_table
 from dmfc.report.trials import SearchTrial, read_trials, trials_to_csv
@@ -62,7 +64,8 @@ def table_of(
 ) -> SweepTable:
     """The table of a sweep from what is in the ledger."""
     trials = read_trials(ledger, sweep, failures or {})
-    return table_from(collect(ledger, sweep, failures), sweep, trials)
+    table = table_from(collect(ledger, sweep, failures), sweep, trials)
+    return replace(table, left_out=left_out(ledger, sweep["stages"]))
 
 
 def table_from(

@@ -107,6 +107,7 @@ class TwoNetworks:
             env={**os.environ, **RAY, **(self._worker_environment if place else {})},
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
+            start_new_session=True,  # at its end Ray ends its whole process group
         )
 
     def _start(self) -> None:
