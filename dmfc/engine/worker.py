@@ -22,7 +22,7 @@ from dmfc.engine.context import StageContext, tell_attempt
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.stage import plain
 from dmfc.engine.system import keep_samples, sampled
-from dmfc.errors import DmfcError, MachineError, of_machine
+from dmfc.errors import DmfcError, MachineError, first_line, of_machine
 
 ERROR_LOG = "error.txt"
 CRASH_LOG = "crash.txt"
@@ -165,7 +165,7 @@ def _attempt(job: Job, ledger: Ledger, out: Path, node: str) -> Outcome:
     except Exception as error:
         if not job.may_fail or of_machine(error):
             raise
-        seconds, reason = time.perf_counter() - clock, _one_line(error)
+        seconds, reason = time.perf_counter() - clock, _reason(error)
         ledger.commit_failure(job.address, _record(job, started, seconds), reason)
         return Outcome("failed", reason, seconds, kept=True)
     keep_samples(work, out)
@@ -230,10 +230,10 @@ def _explain(error: Exception, work: Path) -> str:
         (work / ERROR_LOG).write_text("".join(traceback.format_exception(error)))
     except OSError as unwritten:
         return f"{type(error).__name__}: {error} (traceback not written: {unwritten.strerror})"
-    line = _one_line(error)
+    line = _reason(error)
     return line if isinstance(error, DmfcError) else f"{line} (traceback: {work / ERROR_LOG})"
 
 
-def _one_line(error: Exception) -> str:
-    line = (str(error).strip().splitlines() or [""])[0]
-    return line if isinstance(error, DmfcError) else f"{type(error).__name__}: {line}"
+def _reason(error: Exception) -> str:
+    line, kind = first_line(error), type(error).__name__
+    return line if isinstance(error, DmfcError) or line == kind else f"{kind}: {line}"
