@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import socket
 import time
 from collections.abc import Callable, Collection, Sequence
@@ -116,7 +117,7 @@ class Silence:
                     else:
                         self._since.setdefault(node.id, now)
         long_ago = time.monotonic() - SILENT_SECONDS
-        return [node for node in nodes if self._since.get(node.id, now) <= long_ago]
+        return [node for node in nodes if self._since.get(node.id, math.inf) <= long_ago]
 
 
 def _answers(node: Node) -> bool:

@@ -71,10 +71,16 @@ def crash(ctx):
 
 
 def sick(ctx):
-    """Raise an error of the machine: everywhere, or as `add` where the environment has no SICK."""
+    """Raise an error of the machine: everywhere, or as `add` where the environment has no SICK.
+
+    The file `ran_on` has a line of each attempt; sound ones wait until it has so many sick ones.
+    """
     error = ctx.config.get("error") or os.environ.get("SICK")
     if ctx.config.get("ran_on"):
-        with Path(ctx.config["ran_on"]).open("a") as log:
+        path = Path(ctx.config["ran_on"])
+        while not error and path.read_text().count(" sick\n") < ctx.config["patience"]:
+            time.sleep(0.02)
+        with path.open("a") as log:
             log.write(f"{ctx.name} {'sick' if error else 'sound'}\n")
     message = "the machine is sick"
     if error == "machine":
