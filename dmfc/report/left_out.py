@@ -19,7 +19,7 @@ def left_out(ledger: Ledger, stages: Mapping[str, str]) -> dict[str, str]:
                 reason = ledger.failure(address)
                 if reason is not None:
                     reasons[name] = reason
-    return reasons
+    return dict(sorted(reasons.items()))
 
 
 def left_out_line(reasons: Mapping[str, str], most: int | None = None) -> str:

@@ -43,6 +43,7 @@ class TwoNetworks:
         self.hosts = f"head-{name}", f"worker-{name}"
         self._worker_environment = worker_environment or {}
         self._nodes: list[subprocess.Popen] = []
+        self._beside: list[subprocess.Popen] = []
         self._temporary = Path(tempfile.mkdtemp(prefix="dmfc-"))  # short: it holds Ray's sockets
 
     @property
@@ -67,7 +68,7 @@ class TwoNetworks:
         return self
 
     def __exit__(self, *_: object) -> None:
-        for process in self._nodes:
+        for process in [*self._beside, *self._nodes]:
             _kill_tree(process)
         for space in self._spaces:
             with contextlib.suppress(subprocess.CalledProcessError):
@@ -77,7 +78,8 @@ class TwoNetworks:
     def run(self, command: Sequence[object], **options: Any) -> subprocess.Popen:
         """Start a command beside the head."""
         environment = {**os.environ, **RAY, **options.pop("env", {})}
-        return subprocess.Popen(self._in(0, command), env=environment, **options)
+        self._beside.append(subprocess.Popen(self._in(0, command), env=environment, **options))
+        return self._beside[-1]
 
     def cut(self) -> None:
         """Cut the link for good: packets vanish, and no connection is closed."""
