@@ -40,6 +40,11 @@ class StageContext:
     hints: Mapping[str, str] = field(default_factory=dict)
     _last_write: float = field(default=0.0, repr=False)
 
+    @property
+    def store(self) -> Path:
+        """The store that the stage lies in."""
+        return self.work.parents[1]
+
     def input(self, name: str) -> Path:
         """The folder of the single input `name`."""
         folder = self.inputs[name]
@@ -76,9 +81,9 @@ def read_progress(work: Path) -> tuple[float, str]:
         return 0.0, ""
 
 
-def tell_attempt(work: Path, attempt: str, started: datetime) -> None:
-    """Say that a process has begun this stage: which attempt, where and when."""
-    told = {"attempt": attempt, "host": platform.node(), "pid": os.getpid()}
+def tell_attempt(work: Path, attempt: str, started: datetime, node: str = "") -> None:
+    """Say that a process has begun this stage: which attempt, where (Ray's id too) and when."""
+    told = {"attempt": attempt, "host": platform.node(), "pid": os.getpid(), "node": node}
     write_json(work / ATTEMPT, {**told, "started": started.timestamp()}, durable=False)
 
 

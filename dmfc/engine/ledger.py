@@ -13,12 +13,12 @@ import json
 import re
 import shutil
 import uuid
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from filelock import FileLock
+from filelock import FileLock, Timeout
 
 from dmfc.config.setting import KEYS_VERSION
 from dmfc.engine.record import (
@@ -132,12 +132,21 @@ class Ledger:
             yield self.record(address)
 
     @contextmanager
-    def claim(self, address: str) -> Iterator[Path | None]:
+    def claim(
+        self, address: str, waits: Callable[[], None] = lambda: None
+    ) -> Iterator[Path | None]:
         """Hold the stage's lock: gives an empty folder to fill, or None if the stage is finished.
 
-        Blocks while another process holds it; a lock is freed by its holder's death.
+        Blocks while another process holds it, after a call of `waits`; a lock is freed by its
+        holder's death.
         """
-        with self.lock(address):
+        lock = self.lock(address)
+        try:
+            lock.acquire(timeout=0)
+        except Timeout:
+            waits()
+            lock.acquire()
+        try:
             if self.finished(address):
                 yield None
                 return
@@ -149,6 +158,8 @@ class Ledger:
                 yield partial
             finally:
                 shutil.rmtree(partial, ignore_errors=True)
+        finally:
+            lock.release()
 
     def commit(self, address: str, record: dict[str, Any]) -> None:
         """Turn the claimed, filled folder into the finished stage. Call inside `claim`."""

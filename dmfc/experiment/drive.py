@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -153,10 +153,12 @@ def write_tables(
 ) -> SweepTable:
     """Make, write and (unless a machine asks) print the table of one sweep."""
     from dmfc.report.collect import collect, table_from, write_table
+    from dmfc.report.left_out import left_out
     from dmfc.report.trials import read_trials
 
     rows = collect(ledger, description, failures)
     table = table_from(rows, description, read_trials(ledger, description, failures))
+    table = replace(table, left_out=left_out(ledger, description.stages))
     paths = write_table(ledger, table, rows)
     if not as_json:
         _print_table(table, paths)
@@ -242,12 +244,14 @@ def _print_table(table: SweepTable, paths: Sequence[Path]) -> None:
     from rich.console import Console
 
     from dmfc.report.formats import to_rich
+    from dmfc.report.left_out import SHOWN, left_out_line
     from dmfc.report.trials import trials_to_rich
 
     console = Console(highlight=False)
     if not console.is_terminal:  # a log or a pipe has no width to fit
         console.width = 140
     console.print(to_rich(table))
+    console.print(left_out_line(table.left_out, SHOWN), markup=False, soft_wrap=True)
     if table.trials:
         console.print(trials_to_rich(table.trials))
     for row in table.rows:

@@ -27,6 +27,7 @@ from dmfc.pipeline.artifacts import (
     load_object,
     load_scenes,
 )
+from dmfc.pipeline.here import require_same, source_here, with_packs
 
 if TYPE_CHECKING:
     from dmfc.execution.evaluate import Evaluation
@@ -34,20 +35,26 @@ if TYPE_CHECKING:
     from dmfc.objects.atlas import ObjectAtlas
 
 
+@with_packs
 def make_hand(ctx: StageContext) -> None:
     """hand: `hand.npz`."""
     from dmfc.hand.build import build_hand
+    from dmfc.hand.description import own_hand_digest
 
+    name = ctx.config["hand"].name
+    require_same(f"hand '{name}'", own_hand_digest(name), ctx.config.get("files", ""))
     build_hand(ctx.config["hand"]).save(ctx.out / HAND)
 
 
+@with_packs
 def prepare_object(ctx: StageContext) -> None:
     """object: `object.npz`. May fail: then a `failure.json` is there instead."""
-    from dmfc.objects.prepare import prepare_to
+    from dmfc.objects.prepare import prepare
 
-    prepare_to(ctx.hints["selector"], ctx.config["prepare"], ctx.out / OBJECT)
+    prepare(source_here(ctx), ctx.config["prepare"]).save(ctx.out / OBJECT)
 
 
+@with_packs
 def plan_grasps(ctx: StageContext) -> None:
     """grasps: `grasps.parquet`; an object that cannot be grasped has an empty set. May fail."""
     if "library" in ctx.config:
@@ -77,10 +84,9 @@ def _take_grasps(ctx: StageContext) -> None:
     from dmfc.grasps.grasp_set import GraspSet
 
     path = Path(ctx.hints["file"])
-    found = GraspSet.load(path)
     name = ctx.config["object"]
-    if file_digest(path) != ctx.config["library"]:
-        raise DmfcError(f"{path} has changed since the sweep began: run it again")
+    require_same(str(path), file_digest(path), ctx.config["library"])
+    found = GraspSet.load(path)
     # A set from elsewhere does not say which mesh it was made for.
     mesh = found.notes.get("object_digest", ctx.config["digest"])
     if found.object_id != name or mesh != ctx.config["digest"]:
@@ -129,6 +135,7 @@ def finetune(ctx: StageContext) -> None:
     _train(ctx, "finetune", ctx.input("weights"))
 
 
+@with_packs
 def evaluate(ctx: StageContext) -> None:
     """evaluate: `trials.parquet` and `diversity.parquet` of a shard of test scenes."""
     from dmfc.execution.evaluate import evaluate_shard
@@ -144,6 +151,7 @@ def evaluation_of(
 ) -> Evaluation:
     """What an evaluation stage executes, from its settings and the folders of its inputs."""
     from dmfc.execution.evaluate import Evaluation
+    from dmfc.files.digest import file_digest
     from dmfc.hand.description import load_description
     from dmfc.network.checkpoint import load_network
 
@@ -161,10 +169,11 @@ def evaluation_of(
     hand = load_hand(one("hand"), config["closing"])
     network = None
     if row == "model":
-        weights = Path(hints["weights"]) if "weights" in config else one("model")
-        network = load_network(weights, hand)
-        if "weights" in config and file_digest(weights / WEIGHTS) != config["weights"]:
-            raise DmfcError(f"{weights / WEIGHTS} has changed since the call began: run it again")
+        folder = one("model") if "weights" not in config else Path(hints["weights"])
+        if "weights" in config:
+            path = folder / WEIGHTS
+            require_same(str(path), file_digest(path), config["weights"])
+        network = load_network(folder, hand)
     return Evaluation(
         row=row,
         scenes=load_scenes([one("scenes")]),
@@ -231,12 +240,12 @@ def _train(ctx: StageContext, stage: Literal["pretrain", "finetune"], weights: P
 
 
 def check_own_losses(digests: Mapping[str, str]) -> None:
-    """Raises DmfcError where the file of a user's loss is not the one that the stage's key says."""
+    """Raises MachineError where the file of a user's loss is not that of the stage's key."""
     from dmfc.config.custom_function import own_function
 
     for text, digest in digests.items():
-        if own_function(text, "losses.own").digest != digest:
-            raise DmfcError(f"losses.own: the file of '{text}' has changed since: run it again")
+        found = own_function(text, "losses.own").digest
+        require_same(f"losses.own: the file of '{text}'", found, digest)
 
 
 def training_geometry(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from dmfc.engine.ledger import Ledger
@@ -13,6 +14,7 @@ from dmfc.files.atomic import write_json, write_text, written_whole
 from dmfc.files.sealed import DamagedError
 from dmfc.pipeline.artifacts import TRIALS, load_trials
 from dmfc.report.formats import to_csv, to_json, to_latex, to_markdown
+from dmfc.report.left_out import left_out
 from dmfc.report.outputs import note_outputs
 from dmfc.report.rates import concatenate
 from dmfc.report.table import CellRows, SweepTable, make_table
@@ -78,7 +80,8 @@ def table_of(
 ) -> SweepTable:
     """The table of a sweep from what is in the ledger."""
     trials = read_trials(ledger, sweep, failures or {})
-    return table_from(collect(ledger, sweep, failures), sweep, trials)
+    table = table_from(collect(ledger, sweep, failures), sweep, trials)
+    return replace(table, left_out=left_out(ledger, sweep.stages))
 
 
 def table_from(

@@ -22,6 +22,7 @@ from dmfc.report.curves import draw_curves
 from dmfc.report.failures import draw_failures
 from dmfc.report.figure import draw_rates
 from dmfc.report.formats import paper_text, rate_text
+from dmfc.report.left_out import left_out_line
 from dmfc.report.outputs import note_outputs
 from dmfc.report.paired import compare
 from dmfc.report.rates import CONFIDENCE, Rate, concatenate
@@ -57,6 +58,7 @@ def write_page(
         rows=[_row(row, base, table, cells, tracked) for row in table.rows],
         tracked=bool(tracked),
         served=_server(tracked) == UI,
+        left_out=left_out_line(table.left_out),
         has_paper=any(row.paper for row in table.rows),
         figures=figures,
         trials=_searched(table, list(dict.fromkeys(cell.seed for cell in cells)), tracked),
