@@ -20,10 +20,10 @@ import pandas as pd
 import torch
 from scipy.stats import spearmanr
 
-from dmfc.cli.evaluate import evaluated
 from dmfc.errors import DmfcError
 from dmfc.execution.candidates import GraspCandidates
 from dmfc.execution.evaluate import Evaluation
+from dmfc.experiment.evaluation import evaluated
 from dmfc.losses.task import SceneTerms
 from dmfc.objects.atlas import ObjectAtlas, SceneObjects
 from dmfc.pipeline.replay import input_folders

@@ -9,9 +9,9 @@ import time
 
 import pandas as pd
 
-from dmfc.cli.evaluate import CHECKS
 from dmfc.engine.kinds import StageKind
 from dmfc.errors import DmfcError
+from dmfc.experiment.evaluation import CHECKS
 from dmfc.pipeline.graph import ObjectRef
 from dmfc.pipeline.kinds import KINDS
 from dmfc.pipeline.stages import present, whole
