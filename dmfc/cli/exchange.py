@@ -15,8 +15,10 @@ from dmfc.cli.common import (
     Preset,
     Store,
     end_if_failed,
+    number,
     with_failures,
 )
+from dmfc.cli.outputs import file_to_write, folder_to_write, made
 from dmfc.errors import DmfcError, unknown_name
 from dmfc.experiment.console import show_rows
 from dmfc.experiment.session import Session, failures, require
@@ -41,13 +43,28 @@ def grasps_import(
     object_name: Annotated[
         str, typer.Option("--object", help="The object that they grasp, such as ycb/mug.")
     ],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Grasp set to write (.parquet).")],
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out",
+            "-o",
+            help="Grasp set to write (.parquet).",
+            callback=file_to_write(".parquet"),
+        ),
+    ],
     hand_map: HandMapOption = "",
     scale: Annotated[
-        float | None, typer.Option(help="Size of the object, where a file has several.")
+        float | None,
+        typer.Option(
+            help="Size of the object, where a file has several.", callback=number(above=0)
+        ),
     ] = None,
     tolerance: Annotated[
-        float, typer.Option(help="rad beyond a joint's limits that is clipped, not refused.")
+        float,
+        typer.Option(
+            help="rad beyond a joint's limits that is clipped, not refused.",
+            callback=number(least=0),
+        ),
     ] = 0.01,
     verify: Annotated[
         bool, typer.Option("--verify", help="Keep only what holds in simulation, and measure it.")
@@ -86,8 +103,7 @@ def grasps_import(
     if verify:
         grasps = verified(grasps, hand, description, model, config.grasps, config.physics)
     grasps.notes.update(format=format_name, object_digest=found[0].config["digest"])
-    out.parent.mkdir(parents=True, exist_ok=True)
-    grasps.save(out)
+    grasps.save(made(out))
     row = {"object": model.id, "grasps": len(grasps), **grasps.notes, "file": str(out)}
     show_rows("imported", [row], as_json)
 
@@ -96,7 +112,12 @@ def grasps_export(
     selectors: Annotated[
         list[str], typer.Argument(help="Objects whose grasps are exported, such as ycb:test.")
     ],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for objects/ and grasps/.")],
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out", "-o", help="Folder for objects/ and grasps/.", callback=folder_to_write()
+        ),
+    ],
     hand_map: HandMapOption = "",
     preset: Preset = PRESET,
     overrides: Overrides = None,

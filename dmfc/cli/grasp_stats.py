@@ -19,6 +19,7 @@ from dmfc.cli.common import (
     with_failures,
 )
 from dmfc.cli.grasps import Selectors, grasp_stages, object_stages
+from dmfc.cli.outputs import file_to_write
 from dmfc.errors import DmfcError
 from dmfc.experiment.console import answer, show_rows, stderr
 from dmfc.experiment.session import Session, failures, require
@@ -36,10 +37,14 @@ ALL = ""
 def grasps_stats(
     selectors: Selectors = None,
     scenes: Annotated[
-        int, typer.Option(help="Scenes made per object to match its labels in; 0: none.")
+        int, typer.Option(help="Scenes made per object to match its labels in; 0: none.", min=0)
     ] = 4,
     sheet: Annotated[
-        Path | None, typer.Option(help="Write a contact sheet of grasps here (.png; needs GL).")
+        Path | None,
+        typer.Option(
+            help="Write a contact sheet of grasps here (.png; needs GL).",
+            callback=file_to_write(".png"),
+        ),
     ] = None,
     preset: Preset = PRESET,
     overrides: Overrides = None,

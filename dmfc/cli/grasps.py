@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dmfc.cli.common import PRESET, STORE, AsJson, Overrides, Preset, Store, end_if_failed
+from dmfc.cli.outputs import folder_to_write
 from dmfc.experiment.console import show_rows, stderr
 from dmfc.experiment.session import Session, failures
 from dmfc.grasps.library import file_name
@@ -31,7 +32,11 @@ def grasps_plan(
     store: Store = STORE,
     as_json: AsJson = False,
     out: Annotated[
-        Path | None, typer.Option(help="Also copy sets that have grasps into this library folder.")
+        Path | None,
+        typer.Option(
+            help="Also copy sets that have grasps into this library folder.",
+            callback=folder_to_write(),
+        ),
     ] = None,
 ) -> None:
     """Plan grasps for objects and check each in simulation.

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dmfc.cli.common import PRESET, STORE, AsJson, Overrides, Preset, Store
+from dmfc.cli.common import PRESET, STORE, AsJson, Overrides, Preset, Store, number
 from dmfc.cli.outputs import file_to_write, folder_to_write, made
 from dmfc.cli.predict import DropInvalid
 from dmfc.errors import DmfcError
@@ -35,7 +35,11 @@ scenes = typer.Typer(no_args_is_help=True, help="Scenes: layouts, point clouds, 
 Split = Annotated[str, typer.Option("--split", help="train or test.")]
 Out = Annotated[
     str | None,
-    typer.Option("--out", help="Also copy the set, its grasps and card to this folder or URL."),
+    typer.Option(
+        "--out",
+        help="Also copy the set, its grasps and card to this folder or URL.",
+        callback=folder_to_write(),
+    ),
 ]
 At = Annotated[
     str | None,
@@ -135,7 +139,9 @@ def scenes_import(
         typer.Option("-o", "--out", help="Folder of the new set.", callback=folder_to_write()),
     ],
     unit: Annotated[str, typer.Option(help="m, cm, mm or inch.")] = "m",
-    above: Annotated[float, typer.Option(help="Leave out points below this height, m.")] = -1e9,
+    above: Annotated[
+        float, typer.Option(help="Leave out points below this height, m.", callback=number())
+    ] = -1e9,
     drop_invalid: DropInvalid = False,
     preset: Preset = PRESET,
     overrides: Overrides = None,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dmfc.cli.common import PRESET, STORE, Overrides, Preset, Store
+from dmfc.cli.common import PRESET, STORE, Overrides, Port, Preset, Store
 from dmfc.cli.outputs import file_to_write, made
 from dmfc.cli.predict import (
     Check,
@@ -47,7 +47,7 @@ def view(
     drop_invalid: DropInvalid = False,
     check: Check = False,
     scene: Annotated[
-        int | None, typer.Option(help="A test scene, with what SOURCE proposes in it.")
+        int | None, typer.Option(help="A test scene, with what SOURCE proposes in it.", min=0)
     ] = None,
     trial: Annotated[
         str, typer.Option(help="scene:trial of the evaluation of SOURCE, to be played.")
@@ -65,7 +65,7 @@ def view(
     host: Annotated[
         str, typer.Option(help="Address to listen on; others than this let other machines see it.")
     ] = "127.0.0.1",
-    port: Annotated[int, typer.Option(help="0 takes a free one.")] = 0,
+    port: Port = 0,
     open_page: Annotated[bool, typer.Option("--open", help="Open it in the browser.")] = False,
 ) -> None:
     """Show a cloud or scene, all its grasps and their hands in the browser; play a trial."""
