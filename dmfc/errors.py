@@ -5,6 +5,16 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 
+EXTRAS = {
+    "sim": {
+        *("pytorch_kinematics", "mujoco", "trimesh", "coacd", "fcl", "embreex", "igl"),
+        *("manifold3d", "fast_simplification", "rtree", "networkx", "pyarrow", "pandas"),
+    },
+    "train": {"lightning"},
+    "sweep": {"ray", "optuna", "mlflow", "filelock", "psutil", "jinja2"},
+}
+"""Top-level modules of the packages that each extra in pyproject.toml adds."""
+
 
 class DmfcError(Exception):
     """A failure that is explained to the user on one line, without a traceback."""
@@ -17,3 +27,14 @@ def unknown_name(what: str, name: str, choices: Iterable[str]) -> DmfcError:
     hint = f"; did you mean '{near[0]}'?" if near else ""
     listed = ", ".join(choices[:20]) + (", ..." if len(choices) > 20 else "")
     return DmfcError(f"unknown {what} '{name}'{hint} (choices: {listed})")
+
+
+def missing_package(error: ModuleNotFoundError) -> DmfcError | None:
+    """The error for a package that an extra of dmfc installs; None for another module."""
+    package = (error.name or "").partition(".")[0]
+    extra = next((name for name, packages in EXTRAS.items() if package in packages), None)
+    if extra is None:
+        return None
+    return DmfcError(
+        f"this needs the package '{package}', which is not installed: pip install 'dmfc[{extra}]'"
+    )

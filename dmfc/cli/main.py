@@ -23,7 +23,7 @@ from dmfc.cli import (
     train,
     view,
 )
-from dmfc.errors import DmfcError
+from dmfc.errors import DmfcError, missing_package
 from dmfc.experiment.console import stderr
 
 USAGE_ERROR = typer.BadParameter.__mro__[1]
@@ -96,6 +96,9 @@ def main() -> None:
     except Exception as error:
         if debug:
             raise
+        missing = missing_package(error) if isinstance(error, ModuleNotFoundError) else None
+        if missing:
+            _fail(str(missing))
         first = (str(error).strip().splitlines() or [""])[0]
         _fail(f"unexpected {type(error).__name__}: {first} (add --debug for the traceback)")
 

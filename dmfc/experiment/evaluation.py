@@ -42,8 +42,8 @@ class Evaluation:
         return self.table.rows[0]
 
     @property
-    def overall(self) -> float:
-        """The share of all trials that held their object."""
+    def overall(self) -> float | None:
+        """The share of all trials that held their object; None without a trial."""
         return self.row.rates.overall.value
 
     @property

@@ -27,7 +27,7 @@ def reading(path: Path, what: str, option: str = "") -> Iterator[None]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # a parser's doubts are no lines of ours
             yield
-    except DmfcError:
+    except (DmfcError, ModuleNotFoundError):
         raise
     except Exception as error:
         text = " ".join(str(error).split())[:_SHOWN] or type(error).__name__

@@ -9,7 +9,7 @@ import numpy as np
 
 from dmfc.config.objects import PrepareConfig
 from dmfc.objects.convex import convex_parts
-from dmfc.objects.mass import mass_properties
+from dmfc.objects.mass import ASSUMED, mass_properties
 from dmfc.objects.mesh import CleanMesh, clean
 from dmfc.objects.model import ObjectModel
 from dmfc.objects.poses import stable_poses
@@ -35,7 +35,7 @@ def prepare(source: ObjectSource, config: PrepareConfig) -> ObjectModel:
     parts = convex_parts(mesh, config)
     poses = stable_poses(mesh.vertices, parts, com, config.stable_poses)
     points, normals = surface_samples(mesh, config.surface_points)
-    assumed = [] if source.mass is not None else [f"mass from density {config.density:g} kg/m^3"]
+    assumed = [] if source.mass is not None else [f"{ASSUMED} {config.density:g} kg/m^3"]
     return ObjectModel(
         id=source.id,
         vertices=mesh.vertices,

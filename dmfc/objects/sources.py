@@ -8,6 +8,7 @@ A selector is one of
     ycb:test                a named subset: the 16 test objects of the paper
     procedural:20?from=100  twenty generated objects, beginning with number 100
     folder:/path?unit=mm    the user's own mesh file or folder of mesh files (m, cm, mm, inch)
+    folder:/path?scale=0.06 their meshes times a number (after the unit), such as normalised ones
     rings.py:rings          what a function in the user's file lists (`dmfc.objects.custom`)
     rings.py:rings/small    one of them
 
@@ -19,6 +20,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import re
+import unicodedata
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from importlib import resources
@@ -112,6 +114,15 @@ def find_object(selector: str) -> ObjectSource:
     return found[0]
 
 
+def as_name(text: str) -> str:
+    """A text as an object's name: letters, marks and digits of any script, and _ . - stay."""
+    kept = [
+        letter if letter in "_.-" or unicodedata.category(letter)[0] in "LMN" else " "
+        for letter in unicodedata.normalize("NFC", text)
+    ]
+    return re.sub(" +", "-", "".join(kept))
+
+
 def _select(selector: str) -> list[ObjectSource]:
     head, colon, rest = selector.partition(":")
     if not colon and "/" in selector and not head.endswith(".py"):
@@ -120,7 +131,9 @@ def _select(selector: str) -> list[ObjectSource]:
     else:
         by_name = not re.fullmatch(r"\d+", rest.partition("?")[0])
     if head == "folder":
-        return _from_folder(rest, selector)
+        from dmfc.objects.folder import folder_sources
+
+        return folder_sources(rest, selector)
     if head == "procedural":
         return _procedural(rest, selector, by_name)
     if head.endswith(".py"):
@@ -186,7 +199,7 @@ def _random() -> list[ObjectSource]:
 def _from_pack(
     pack_name: str, name: str, paths: list[Path], mass: float | None = None, scale: float = 1.0
 ) -> ObjectSource:
-    from dmfc.objects.mesh import load_mesh
+    from dmfc.objects.mesh_file import load_mesh
 
     pack = get_pack(pack_name)
     content = f"{pack.sha256} {pack.subfolder} {name} {scale} {mass}"
@@ -226,41 +239,6 @@ def _procedural(rest: str, selector: str, by_name: bool) -> list[ObjectSource]:
                 digest=hashlib.sha256(content.encode()).hexdigest(),
                 selector=f"procedural/{name}",
                 loader=functools.partial(procedural.generate, number),
-            )
-        )
-    return sources
-
-
-def _from_folder(rest: str, selector: str) -> list[ObjectSource]:
-    from dmfc.objects.mesh import MESH_SUFFIXES, load_mesh
-
-    text, question, option = rest.partition("?")
-    key, _, unit = option.partition("=")
-    if question and (key != "unit" or unit not in UNITS):
-        raise DmfcError(f"object selector '{selector}': expected ?unit= one of {', '.join(UNITS)}")
-    scale = UNITS[unit] if question else 1.0
-    path = Path(text).expanduser().absolute()
-    if not path.exists():
-        raise DmfcError(f"object selector '{selector}': {path} does not exist")
-    folder = path.parent if path.is_file() else path
-    candidates = [path] if path.is_file() else sorted(path.rglob("*"))
-    files = [p for p in candidates if p.is_file() and p.suffix.lower() in MESH_SUFFIXES]
-    if not files:
-        kinds = " ".join(MESH_SUFFIXES)
-        raise DmfcError(f"object selector '{selector}': no mesh file there (of {kinds})")
-    sources = []
-    for file in files:
-        relative = file.relative_to(folder).with_suffix("").as_posix()
-        name = re.sub(r"[^A-Za-z0-9_.-]+", "-", relative)
-        content = hashlib.sha256(file.read_bytes()).hexdigest() + f" {file.suffix} {scale}"
-        sources.append(
-            ObjectSource(
-                id=f"folder/{name}",
-                licence="user's own",
-                mass=None,
-                digest=hashlib.sha256(content.encode()).hexdigest(),
-                selector=f"folder:{file}" + (f"?unit={unit}" if question else ""),
-                loader=functools.partial(load_mesh, [file], scale),
             )
         )
     return sources

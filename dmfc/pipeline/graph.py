@@ -30,6 +30,8 @@ WEIGHTS = "weights.safetensors"
 """The file by which a trained model is known."""
 HARD_SAMPLES = "hard_samples", "hard_error", "hard_scope", "rank_points"
 """Settings of `training` that choose hard samples."""
+MOST_SHARDS = 5000
+"""Most stages of one scene set."""
 Inputs = dict[str, Stage | tuple[Stage, ...]]
 
 
@@ -158,9 +160,13 @@ class GraphBuilder:
             config.validation.scenes if split == "validation" else getattr(config.scenes, split)
         )
         setting = "validation.scenes" if split == "validation" else f"scenes.{split}"
-        if chosen.count < 1:
-            raise DmfcError(f"{setting}.count is {chosen.count}: no scenes to make")
-        size = max(1, config.scenes.shard_size)
+        size = config.scenes.shard_size
+        shards = -(-chosen.count // size)
+        if shards > MOST_SHARDS:
+            raise DmfcError(
+                f"{setting}.count {chosen.count:,} in shards of {size:,} makes {shards:,} stages, "
+                f"more than {MOST_SHARDS:,}: raise scenes.shard_size"
+            )
         scenes = without(config.scenes, "train", "test", "shard_size", "augmentation")
         inputs: Inputs = {
             "hand": self.hand(config),

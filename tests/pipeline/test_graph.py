@@ -213,9 +213,9 @@ def test_an_empty_object_list_is_an_error(builder):
             builder.cell(config, "pretrained", "c")
 
 
-def test_no_scenes_is_an_error(builder):
-    config = load_config("smoke", ["scenes.test.count=0"])
-    with pytest.raises(DmfcError, match=r"scenes\.test\.count"):
+def test_a_scene_set_in_too_many_shards_is_an_error(builder):
+    config = load_config("smoke", ["scenes.test.count=9000", "scenes.shard_size=1"])
+    with pytest.raises(DmfcError, match=r"scenes\.test\.count 9,000 in shards of 1 makes 9,000"):
         builder.cell(config, "pretrained", "c")
 
 
