@@ -99,9 +99,9 @@ def main() -> None:
         missing = missing_package(error) if isinstance(error, ModuleNotFoundError) else None
         if missing:
             _fail(str(missing))
-        first = (str(error).strip().splitlines() or [""])[0]
-        _fail(f"unexpected {type(error).__name__}: {first} (add --debug for the traceback)")
-
+        cause = error.__cause__ or error  # Typer makes an EOFError an Abort
+        first = (str(cause).strip().splitlines() or [""])[0]
+        _fail(f"unexpected {type(cause).__name__}: {first} (add --debug for the traceback)")
     sys.exit(status if isinstance(status, int) else 0)
 
 

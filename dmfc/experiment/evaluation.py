@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from dmfc.errors import DmfcError, unknown_name
 from dmfc.experiment.session import Session, require
+from dmfc.files.foreign import reading
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -121,9 +122,8 @@ def read_trials(text: str) -> pd.DataFrame:
 
     name, _, cell = text.partition(":")
     path = Path(name) / "trials.parquet" if Path(name).is_dir() else Path(name)
-    if not path.is_file():
-        raise DmfcError(f"there are no trial rows at '{path}'")
-    rows = pd.read_parquet(path)
+    with reading(path, "trial rows (parquet)"):
+        rows = pd.read_parquet(path)
     if not cell:
         return rows
     cells = list(rows["cell"].unique()) if "cell" in rows else []

@@ -11,7 +11,8 @@ from pathlib import Path
 
 from dmfc.errors import DmfcError
 from dmfc.files.below import files_below
-from dmfc.objects.sources import UNITS, ObjectSource, as_name
+from dmfc.geometry.units import UNITS
+from dmfc.objects.sources import ObjectSource, as_name
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,6 @@ import yaml
 
 from dmfc.assets import get_pack, pull
 from dmfc.errors import DmfcError, unknown_name
-from dmfc.geometry.units import UNITS
 
 if TYPE_CHECKING:
     import trimesh

@@ -9,6 +9,9 @@ import pytest
 import typer
 
 from dmfc.cli.main import app
+from dmfc.engine.kinds import StageKind
+from dmfc.engine.pools import LocalPool
+from dmfc.pipeline.kinds import KINDS
 from tests.support.malformed import lines, write_files
 
 PATIENCE = 30
@@ -42,6 +45,10 @@ def every_verb() -> list[str]:
             found.append(f"{words} {arguments} --set training.sead=1")
             found.append(f"{words} {arguments} --preset nowhere")
     return found
+
+
+def begun(ctx):
+    raise AssertionError(f"{ctx} was begun though the line is wrong")
 
 
 @pytest.fixture(scope="module")
@@ -79,17 +86,26 @@ def test_the_table_is_long_and_names_every_verb():
 def test_a_wrong_line_is_told_on_one_line(dmfc, folder, monkeypatch, patience, line):
     monkeypatch.chdir(folder)
     monkeypatch.delenv("DMFC_STORE", raising=False)
+    monkeypatch.setattr("dmfc.engine.engine.RayPool", LocalPool)
+    for kind in KINDS:
+        if kind not in ("hand", "object"):
+            monkeypatch.setitem(KINDS, kind, StageKind(kind, f"{__name__}:begun", 1))
     before = set(folder.iterdir())
     status, out, err = dmfc(*shlex.split(line))
     assert status in (1, 2), f"accepted: {out}"
     assert "unexpected" not in err
     assert "Traceback" not in err
-    if line not in HELP:
+    if line.startswith(ROWS):
+        assert err.count("\n") == 1, err
+        assert "failed" in err
+    elif line not in HELP:
         assert err.startswith("error: ")
         assert err.count("\n") == 1, err
     made = set(folder.iterdir()) - before
     assert not {path.name for path in made} - {"store"}
 
 
+ROWS = ("objects prepare folder:",)
+"""An object that fails is a row with its reason on standard output."""
 HELP = {path for path in ("", "sweep", "tracking", "assets")}
 """Lines that ask for nothing: the help says what there is."""
