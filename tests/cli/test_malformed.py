@@ -9,9 +9,10 @@ import pytest
 import typer
 
 from dmfc.cli.main import app
-from dmfc.engine.kinds import StageKind
+from dmfc.engine.engine import unfinished
 from dmfc.engine.pools import LocalPool
-from dmfc.pipeline.kinds import KINDS
+from dmfc.engine.worker import Outcome
+from dmfc.experiment.session import Session, require
 from tests.support.malformed import lines, write_files
 
 PATIENCE = 30
@@ -47,15 +48,27 @@ def every_verb() -> list[str]:
     return found
 
 
-def begun(ctx):
-    raise AssertionError(f"{ctx} was begun though the line is wrong")
-
-
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
+    """The files, and a store with the hand and the object that imports of grasps need."""
     folder = tmp_path_factory.mktemp("malformed")
     write_files(folder)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("dmfc.engine.engine.RayPool", LocalPool)
+        session = Session.open("quick", [], folder / "store")
+        stages = [
+            session.builder.hand(session.config),
+            *session.builder.selected_objects(session.config, ["procedural:1"]),
+        ]
+        require(session.make(stages), stages)
     return folder
+
+
+def begun(targets, ledger, *_, **__):
+    """In place of the stages: nothing is to be made for a wrong line but what is there."""
+    missing = unfinished(targets, ledger)
+    assert not missing, f"{len(missing)} stages were begun"
+    return {stage.address: Outcome("done") for stage in targets}
 
 
 @pytest.fixture
@@ -79,25 +92,24 @@ def test_the_table_is_long_and_names_every_verb():
     assert len(LINES) >= 300
     for path, _ in verbs():
         named = [line for line in LINES if line.split()[: len(path)] == list(path)]
-        assert len(named) >= 2 or path[-1] in ("list", "doctor"), path
+        assert named, path
 
 
 @pytest.mark.parametrize("line", LINES)
 def test_a_wrong_line_is_told_on_one_line(dmfc, folder, monkeypatch, patience, line):
     monkeypatch.chdir(folder)
     monkeypatch.delenv("DMFC_STORE", raising=False)
-    monkeypatch.setattr("dmfc.engine.engine.RayPool", LocalPool)
-    for kind in KINDS:
-        if kind not in ("hand", "object"):
-            monkeypatch.setitem(KINDS, kind, StageKind(kind, f"{__name__}:begun", 1))
+    if line.startswith(ROWS):
+        monkeypatch.setattr("dmfc.engine.engine.RayPool", LocalPool)
+    else:
+        monkeypatch.setattr("dmfc.engine.engine.run_stages", begun)
     before = set(folder.iterdir())
     status, out, err = dmfc(*shlex.split(line))
     assert status in (1, 2), f"accepted: {out}"
     assert "unexpected" not in err
     assert "Traceback" not in err
     if line.startswith(ROWS):
-        assert err.count("\n") == 1, err
-        assert "failed" in err
+        assert err.startswith("error: ") or "1 of 1 objects failed" in err
     elif line not in HELP:
         assert err.startswith("error: ")
         assert err.count("\n") == 1, err
