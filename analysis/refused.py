@@ -71,7 +71,7 @@ def rows(store: Path, preset: str, overrides: list[str]) -> Iterator[pd.DataFram
                 continue
             runner = found.open(scene)
             planned = [
-                runner.plan(grasps.T_world_palm(row), grasps.joints[row], int(target))[1].planned
+                runner.plan(grasps.T[row], grasps.joints[row], int(target))[1].planned
                 for row, target in enumerate(grasps.object_index)
             ]
             frame = pd.DataFrame(measures(terms, found, scene, grasps))

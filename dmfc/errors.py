@@ -20,6 +20,17 @@ class DmfcError(Exception):
     """A failure that is explained to the user on one line, without a traceback."""
 
 
+def first_line(error: BaseException) -> str:
+    """The first line of an error's text; the name of its type where it has no text."""
+    lines = str(error).strip().splitlines()
+    return lines[0] if lines else type(error).__name__
+
+
+def one_line(error: BaseException, most: int = 200) -> str:
+    """All of an error's text on one line, up to `most` characters; its type where it has none."""
+    return " ".join(str(error).split())[:most] or type(error).__name__
+
+
 def unknown_name(what: str, name: str, choices: Iterable[str]) -> DmfcError:
     """The error for a name that is not among `choices`: names the nearest one, then all of them."""
     choices = sorted(choices)

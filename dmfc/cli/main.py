@@ -12,7 +12,6 @@ from dmfc.cli import (
     doctor,
     evaluate,
     exchange,
-    grasp_stats,
     grasps,
     objects,
     predict,
@@ -26,7 +25,7 @@ from dmfc.cli import (
 from dmfc.errors import DmfcError, missing_package
 from dmfc.experiment.console import stderr
 
-USAGE_ERROR = typer.BadParameter.__mro__[1]
+USAGE_ERROR: type[Exception] = typer.BadParameter.__mro__[1]  # type: ignore[assignment]
 """What a wrong command line raises, of which Typer exports this one child alone."""
 
 app = typer.Typer(
@@ -39,7 +38,6 @@ app = typer.Typer(
 app.command()(doctor.doctor)
 app.add_typer(assets.assets, name="assets")
 app.add_typer(objects.objects, name="objects")
-grasps.grasps.command("stats")(grasp_stats.grasps_stats)
 grasps.grasps.command("import")(exchange.grasps_import)
 grasps.grasps.command("export")(exchange.grasps_export)
 app.add_typer(grasps.grasps, name="grasps")

@@ -74,7 +74,7 @@ def objects_prepare(
     same. Ends with status 1 if any failed.
     """
     from dmfc.objects.mass import implausible_mass
-    from dmfc.objects.model import ObjectModel
+    from dmfc.pipeline.artifacts import load_object
 
     session = Session.open(preset, overrides, store)
     stages = object_stages(session, selectors)
@@ -83,7 +83,7 @@ def objects_prepare(
     for stage in stages:
         if stage.name in failed:
             continue
-        model = ObjectModel.load(session.ledger.folder(stage.address) / "object.npz")
+        model = load_object(session.ledger.folder(stage.address))
         rows[stage.name] = {
             "object": model.id,
             "faces": len(model.faces),

@@ -54,7 +54,7 @@ def sweep(
 
     Prints a table per sweep, writes it to STORE/sweeps/ID/, and brings MLflow up to date.
     """
-    from dmfc.sweep.plan import plan_sweep
+    from dmfc.sweep.planner import plan_sweep
     from dmfc.sweep.sweep_file import load_sweep
 
     sweeps = [load_sweep(name) for name in files]
@@ -104,8 +104,8 @@ def status(
                 "sweep": sweep_id,
                 "status": state.status,
                 "drivers": list(state.drivers),
-                "stages": counts(ledger, described),
-                "running": [dataclasses.asdict(item) for item in running(ledger, described)],
+                "stages": counts(ledger, described.stages),
+                "running": [dataclasses.asdict(item) for item in running(ledger, described.stages)],
                 "failures": dict(state.failures),
             }
         )

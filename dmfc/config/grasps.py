@@ -9,38 +9,6 @@ from dmfc.config.setting import GREATEST_SEED, setting
 
 
 @dataclass(frozen=True)
-class RefineConfig:
-    steps: int = setting(
-        0, "Steps of gradient descent on the candidates; 0: none.", least=0, greatest=10_000
-    )
-    step: float = setting(
-        0.01,
-        "Length of a step. The palm moves by 5 cm per rad.",
-        unit="rad",
-        least=1e-6,
-        greatest=1,
-    )
-    which: Literal["kept", "batch"] = setting(
-        "kept", "Candidates that are refined: those kept by Q1, or the batch before the choice."
-    )
-    points: int = setting(
-        500, "Collision points of the hand that are used; 0: all.", least=0, greatest=100_000
-    )
-    collision_weight: float = setting(
-        1.0, "Weight of collision, in the units of losses.units.", least=0, greatest=1e6
-    )
-    guidance_weight: float = setting(
-        1.0, "Weight of guidance, in the units of losses.units.", least=0, greatest=1e6
-    )
-    q1_weight: float = setting(1.0, "Weight of exp(-Q1).", least=0, greatest=1e6)
-
-    def __post_init__(self) -> None:
-        """Raises ValueError for steps without anything to descend."""
-        if self.steps and not any((self.collision_weight, self.guidance_weight, self.q1_weight)):
-            raise ValueError("grasps.refine: steps without a term: give one of the weights")
-
-
-@dataclass(frozen=True)
 class GraspsConfig:
     source: Literal["plan", "library", "either"] = setting(
         "plan",
@@ -83,9 +51,6 @@ class GraspsConfig:
         greatest=100,
     )
     seed: int = setting(0, "Seed of the planner.", least=0, greatest=GREATEST_SEED)
-    refine: RefineConfig = setting(
-        RefineConfig, "Refinement of candidates by gradients.", later=True
-    )
 
     table_share: float = setting(
         1.0,

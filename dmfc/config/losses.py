@@ -61,9 +61,6 @@ class Q1Config:
         least=0,
         greatest=100_000,
     )
-    support: Literal["exact", "published"] = setting(
-        "exact", "Support function of the friction cone: exact, or the published approximation."
-    )
     floor: bool = setting(
         True,
         "A contact may press less than its full force, so that Q1 is at least 0. False keeps a "
@@ -120,11 +117,6 @@ class LengthUnits:
 class LossConfig:
     weights: LossWeights = setting(LossWeights, "Weights of the terms.")
     grasp_space: GraspSpace = setting(GraspSpace, "The space in which chamfer measures.")
-    clamp: Literal["hard", "straight_through", "soft"] = setting(
-        "hard",
-        "How joint limits are enforced in training. 'hard': the gradient is zero outside the "
-        "limits; 'straight_through': it passes; 'soft': a smooth limit.",
-    )
     units: LengthUnits = setting(LengthUnits, "Units of length of collision and guidance.")
     self_collision: bool = setting(
         True, "The collision term also counts penetration of the hand's own links."

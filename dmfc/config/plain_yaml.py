@@ -12,7 +12,7 @@ from typing import Any
 
 import yaml
 
-from dmfc.errors import DmfcError
+from dmfc.errors import DmfcError, first_line
 
 DEEPEST = 20
 """Most levels of lists and mappings inside each other."""
@@ -95,7 +95,7 @@ def parse_yaml(text: str, where: str) -> Any:
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line = f" on line {mark.line + 1}" if mark else ""
-        problem = getattr(error, "problem", None) or str(error).splitlines()[0]
+        problem = getattr(error, "problem", None) or first_line(error)
         raise DmfcError(f"{where}: not valid YAML{line}: {problem}") from error
     except (ValueError, TypeError, AttributeError) as error:  # of a value with a tag: !!int abc
         raise DmfcError(f"{where}: not valid YAML: {' '.join(str(error).split())}") from error

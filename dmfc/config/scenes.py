@@ -135,11 +135,6 @@ class ScenesConfig:
     train: SceneSetConfig = setting(SceneSetConfig, "Training scenes.")
     test: SceneSetConfig = setting(SceneSetConfig(count=100, seed=1), "Test scenes.")
     cameras: CameraConfig = setting(CameraConfig, "The four depth cameras, one per side.")
-    depth: Literal["rebuild", "keep"] = setting(
-        "rebuild",
-        "Depth images. 'rebuild': they are rendered again when they are shown; 'keep': they are "
-        "kept with the scenes, and training samples other points from them in every epoch.",
-    )
     points: int = setting(2048, "Points of the fused cloud.", least=128, greatest=1_000_000)
     table_size: float = setting(
         0.8,

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 from dmfc.config.sweep import RunConfig
 from dmfc.engine.worker import Job, Outcome, execute
-from dmfc.errors import DmfcError
+from dmfc.errors import DmfcError, first_line
 
 OBJECT_STORE_BYTES = 100 * 2**20
 """Ray's shared memory: stages exchange files, so the least it accepts is plenty."""
@@ -146,7 +146,7 @@ class RayPool:
         try:
             return self._ray.get(ref)
         except self._ray.exceptions.RayError as error:
-            reason = str(error).strip().splitlines()[0]
+            reason = first_line(error)
             deaths = DRIVER_NODE_DEATHS if self._run.ray_address else NODE_DEATHS
             self._broken = self._broken or type(error).__name__ in deaths
             return Outcome("died", reason=f"its worker died ({type(error).__name__}: {reason})")

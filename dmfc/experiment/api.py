@@ -37,9 +37,9 @@ class SweepResult:
     @property
     def trials(self) -> pd.DataFrame:
         """A row per executed grasp of every cell; the columns `cell` and `seed` say whose."""
-        import pandas as pd
+        from dmfc.pipeline.artifacts import load_trials
 
-        return pd.read_parquet(self.folder / "trials.parquet")
+        return load_trials(self.folder)
 
     @property
     def rates(self) -> pd.DataFrame:
@@ -114,7 +114,7 @@ class Experiment:
     def sweep(self, file: str | Path) -> SweepResult:
         """Run every cell of a sweep file, or of a shipped sweep such as 'table1'."""
         from dmfc.experiment.drive import disk_errors_told, drive
-        from dmfc.sweep.plan import plan_sweep
+        from dmfc.sweep.planner import plan_sweep
         from dmfc.sweep.sweep_file import load_sweep
 
         ledger, builder = self._session.ledger, self._session.builder

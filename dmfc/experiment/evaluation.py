@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from dmfc.engine.stage import Stage
     from dmfc.report.table import SweepTable, TableRow
 
-WEIGHTS = "weights.safetensors"
 CHECKS = ("contact_penetration", "contact_force", "hand_penetration", "self_penetration")
 """Physical checks; the summary has median and largest of each, over planned trials."""
 
@@ -61,14 +60,14 @@ class Evaluation:
 
     def write(self, folder: Path) -> None:
         """Write trials.parquet, diversity.parquet, summary.json and failures.png into `folder`."""
-        from dmfc.execution.evaluate import DIVERSITY, TRIALS
         from dmfc.files.atomic import write_json
+        from dmfc.pipeline.artifacts import DIVERSITY, SUMMARY, TRIALS
         from dmfc.report.failures import draw_failures
 
         folder.mkdir(parents=True, exist_ok=True)
         self.trials.to_parquet(folder / TRIALS, index=False)
         self.diversity.to_parquet(folder / DIVERSITY, index=False)
-        write_json(folder / "summary.json", self.summary)
+        write_json(folder / SUMMARY, self.summary)
         draw_failures(self.table, folder / "failures.png")
 
 
@@ -91,14 +90,14 @@ def read_evaluation(
     """The rows of finished evaluation stages, and their rates."""
     import pandas as pd
 
-    from dmfc.execution.evaluate import DIVERSITY, TRIALS
+    from dmfc.pipeline.artifacts import TRIALS, load_diversity, load_trials
     from dmfc.report.rates import concatenate
     from dmfc.report.table import CellRows, make_table
 
     folders = [session.ledger.folder(stage.address) for stage in stages]
     files = tuple(folder / TRIALS for folder in folders)
-    trials = concatenate([pd.read_parquet(file) for file in files])
-    diversity = pd.concat([pd.read_parquet(folder / DIVERSITY) for folder in folders])
+    trials = concatenate([load_trials(folder) for folder in folders])
+    diversity = pd.concat([load_diversity(folder) for folder in folders])
     config = session.config
     wanted = config.execution.grasps_per_scene * config.scenes.test.count
     cell = CellRows(source, source, config.execution.seed, wanted, trials)
@@ -120,8 +119,10 @@ def read_trials(text: str) -> pd.DataFrame:
     """Trial rows of 'FILE', 'FOLDER' or 'FILE:CELL'. Raises DmfcError where there are none."""
     import pandas as pd
 
+    from dmfc.pipeline.artifacts import TRIALS
+
     name, _, cell = text.partition(":")
-    path = Path(name) / "trials.parquet" if Path(name).is_dir() else Path(name)
+    path = Path(name) / TRIALS if Path(name).is_dir() else Path(name)
     with reading(path, "trial rows (parquet)"):
         rows = pd.read_parquet(path)
     if not cell:
@@ -135,6 +136,7 @@ def read_trials(text: str) -> pd.DataFrame:
 def _source(source: str) -> tuple[Path | None, dict[str, Path]]:
     """A trained model's folder, or the files of grasp sets by object; neither for a known name."""
     from dmfc.grasps.grasp_set import GraspSet
+    from dmfc.pipeline.artifacts import WEIGHTS
     from dmfc.sweep.sweep_file import MODELS
 
     path = Path(source)

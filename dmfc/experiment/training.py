@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -39,8 +38,9 @@ class TrainedModel:
     @property
     def epochs(self) -> list[dict[str, Any]]:
         """The rows of `metrics` as dictionaries."""
-        lines = (self.folder / "metrics.jsonl").read_text().splitlines()
-        return [json.loads(line) for line in lines]
+        from dmfc.pipeline.artifacts import load_metrics
+
+        return load_metrics(self.folder)
 
     def planner(self) -> GraspPlanner:
         """The model as a function of a point cloud, as `dmfc.load` gives it."""

@@ -7,10 +7,7 @@ import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
-from dmfc.errors import DmfcError
-
-_SHOWN = 200
-"""Characters of a parser's own message."""
+from dmfc.errors import DmfcError, one_line
 
 
 @contextlib.contextmanager
@@ -30,7 +27,7 @@ def reading(path: Path, what: str, option: str = "") -> Iterator[None]:
     except (DmfcError, ModuleNotFoundError):
         raise
     except Exception as error:
-        text = " ".join(str(error).split())[:_SHOWN] or type(error).__name__
+        text = one_line(error) or type(error).__name__
         raise DmfcError(f"{path} cannot be read as {what}: {text}{hint}") from error
 
 

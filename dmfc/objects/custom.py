@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from dmfc.config.custom_function import own_function
 from dmfc.errors import DmfcError, unknown_name
-from dmfc.objects.sources import ObjectSource, as_name
+from dmfc.objects.source import ObjectSource, as_name
 
 if TYPE_CHECKING:
     import trimesh

@@ -12,7 +12,7 @@ from pathlib import Path
 from dmfc.errors import DmfcError
 from dmfc.files.below import files_below
 from dmfc.geometry.units import UNITS
-from dmfc.objects.sources import ObjectSource, as_name
+from dmfc.objects.source import ObjectSource, as_name
 
 
 @dataclass(frozen=True)

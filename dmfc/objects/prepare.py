@@ -14,7 +14,8 @@ from dmfc.objects.mesh import CleanMesh, clean
 from dmfc.objects.model import ObjectModel
 from dmfc.objects.poses import stable_poses
 from dmfc.objects.sdf import signed_distance_grid
-from dmfc.objects.sources import ObjectSource, find_object
+from dmfc.objects.source import ObjectSource
+from dmfc.objects.sources import find_object
 
 
 def prepare(source: ObjectSource, config: PrepareConfig) -> ObjectModel:

@@ -20,9 +20,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import re
-import unicodedata
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -31,9 +29,10 @@ import yaml
 
 from dmfc.assets import get_pack, pull
 from dmfc.errors import DmfcError, unknown_name
+from dmfc.objects.source import ObjectSource
 
 if TYPE_CHECKING:
-    import trimesh
+    pass
 
 YCB_TEST = (
     "master_chef_can",
@@ -59,30 +58,6 @@ RANDOM_SCALE = 0.015
 """Of the `random` pack's files, as its URDFs give it."""
 _NOT_HOUSEHOLD = ("hand", "headphones")
 """Folders of the household pack that hold no object to grasp, or more than a hand can hold."""
-
-
-@dataclass(frozen=True)
-class ObjectSource:
-    """One object that can be prepared."""
-
-    id: str
-    """"<source>/<name>", e.g. "ycb/mug"."""
-    licence: str
-    mass: float | None
-    """kg where it is known, else None: the setting objects.prepare.density gives it."""
-    digest: str
-    """Changes if what `load` returns may change."""
-    selector: str
-    """Selects this object alone, on this machine."""
-    loader: Callable[[], trimesh.Trimesh]
-
-    @property
-    def source(self) -> str:
-        return self.id.split("/", 1)[0]
-
-    def load(self) -> trimesh.Trimesh:
-        """The mesh as the source has it, in metres. Raises DmfcError if it cannot be read."""
-        return self.loader()
 
 
 def list_objects(selectors: Iterable[str]) -> list[ObjectSource]:
@@ -111,15 +86,6 @@ def find_object(selector: str) -> ObjectSource:
     if len(found) > 1:
         raise DmfcError(f"'{selector}' names {len(found)} objects where one is wanted")
     return found[0]
-
-
-def as_name(text: str) -> str:
-    """A text as an object's name: letters, marks and digits of any script, and _ . - stay."""
-    kept = [
-        letter if letter in "_.-" or unicodedata.category(letter)[0] in "LMN" else " "
-        for letter in unicodedata.normalize("NFC", text)
-    ]
-    return re.sub(" +", "-", "".join(kept))
 
 
 def _select(selector: str) -> list[ObjectSource]:

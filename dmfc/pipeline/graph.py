@@ -23,11 +23,10 @@ from dmfc.errors import DmfcError
 from dmfc.files.digest import file_digest
 from dmfc.grasps.library import in_library, library_file, library_folder
 from dmfc.hand.description import own_hand_digest
+from dmfc.network.model_files import WEIGHTS
 from dmfc.pipeline.kinds import KINDS
 
 T = TypeVar("T")
-WEIGHTS = "weights.safetensors"
-"""The file by which a trained model is known."""
 HARD_SAMPLES = "hard_samples", "hard_error", "hard_scope", "rank_points"
 """Settings of `training` that choose hard samples."""
 MOST_SHARDS = 5000
@@ -174,7 +173,7 @@ class GraphBuilder:
             "grasps": self.grasps(config, split),
         }
         # Training goes on without an object that fails; a test without one is another test.
-        hints = {"lacking": "allowed"} if split == "train" else {}
+        tolerant = {"failed_objects": "left out"} if split == "train" else {}
         return tuple(
             self.stage(
                 "scenes",
@@ -184,9 +183,9 @@ class GraphBuilder:
                     "scenes": scenes,
                     "start": start,
                     "stop": min(start + size, chosen.count),
+                    **tolerant,
                 },
                 inputs,
-                hints,
             )
             for start in range(0, chosen.count, size)
         )
@@ -200,7 +199,7 @@ class GraphBuilder:
             q1_upper=0.0,
             confidence=config.losses.weights.confidence,
         )
-        unused = ("q1", "q1_lower", "units", "clamp", "self_collision", "own")
+        unused = ("q1", "q1_lower", "units", "self_collision", "own")
         losses = dataclasses.replace(without(config.losses, *unused), weights=weights)
         settings = {
             **self._learning(config),

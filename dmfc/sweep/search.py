@@ -1,4 +1,4 @@
-"""A search: Optuna, through Ray Tune's searcher, suggests settings; validation says how good.
+"""A search: Optuna suggests settings; validation says how good they are.
 
     kind: search
     search:
@@ -15,7 +15,6 @@ state but its trials' settings: it goes on after any death, on any machine that 
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -27,11 +26,11 @@ from dmfc.config.setting import GREATEST_SEED
 from dmfc.config.validation import MEASURES
 from dmfc.engine.ledger import Ledger
 from dmfc.errors import DmfcError, unknown_name
+from dmfc.pipeline.artifacts import load_metrics
 from dmfc.sweep.yaml_checks import mapping, only_keys, shortened
 
 DIGITS = 4
 """Significant digits of a suggested number: what a person can read, and copy into a sweep file."""
-METRICS = "metrics.jsonl"
 Settings = Mapping[str, Any]
 COUNTS = {"trials": (1, 100_000), "parallel": (1, 1000), "seed": (0, GREATEST_SEED)}
 """Least and greatest of each number of a search."""
@@ -97,7 +96,7 @@ def suggest(
     import numpy as np
     import optuna
     from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution
-    from ray.tune.search.optuna import OptunaSearch
+    from optuna.trial import TrialState, create_trial
 
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     space: dict[str, BaseDistribution] = {
@@ -109,12 +108,14 @@ def suggest(
     # Each round draws other numbers, and the same ones whenever it is drawn again.
     drawn = np.random.SeedSequence([search.seed, len(told)]).generate_state(1)
     sampler = optuna.samplers.TPESampler(seed=int(drawn[0]), constant_liar=True)
-    searcher = OptunaSearch(space=space, metric="objective", mode="max", sampler=sampler)
+    study = optuna.create_study(direction="maximize", sampler=sampler)
     for settings, value in told:
         # As pruned: Optuna forgets what failed, and would suggest the same again.
-        number = 0.0 if value is None else value  # of a pruned trial it is not looked at
-        searcher.add_evaluated_point(dict(settings), number, pruned=value is None)
-    suggested = [searcher.suggest(str(len(told) + place)) or {} for place in range(count)]
+        state = TrialState.PRUNED if value is None else TrialState.COMPLETE
+        study.add_trial(
+            create_trial(state=state, value=value, params=dict(settings), distributions=space)
+        )
+    suggested = [study.ask(fixed_distributions=space).params for _ in range(count)]
     return [
         {name: _rounded(settings[name], domain) for name, domain in search.space.items()}
         for settings in suggested
@@ -123,8 +124,7 @@ def suggest(
 
 def measures_of(ledger: Ledger, model: str) -> dict[str, float]:
     """What the last validation of a finished model measured, by name."""
-    path = ledger.folder(model) / METRICS
-    lines = [json.loads(line) for line in path.read_text().splitlines()]
+    lines = load_metrics(ledger.folder(model))
     last = [line for line in lines if line["split"] == "val"][-1:]
     return {name: float(line[name]) for line in last for name in MEASURES if name in line}
 

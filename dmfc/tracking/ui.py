@@ -75,11 +75,6 @@ def run_page(address: str, experiment_id: str, run_id: str) -> str:
     return f"{address}/#/experiments/{experiment_id}/runs/{run_id}"
 
 
-def sweep_page(address: str, experiment_id: str) -> str:
-    """The page that lists all runs."""
-    return f"{address}/#/experiments/{experiment_id}/runs"
-
-
 def _wait(server: subprocess.Popen, address: str, log: Path) -> None:
     end = time.monotonic() + START_SECONDS
     while time.monotonic() < end:

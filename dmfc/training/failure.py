@@ -13,11 +13,11 @@ from omegaconf import OmegaConf
 from dmfc.errors import DmfcError
 from dmfc.files.foreign import reading
 from dmfc.network.model import DmfcGraspNet
-from dmfc.training.candidates import Batch
+from dmfc.training.batch import Batch
 from dmfc.training.settings import FitConfig
 from dmfc.training.task import Task
 
-VERSION = 1
+VERSION = 2
 ENTRIES = {"version", "what", "stage", "hand", "objects", "config", "batch", "weights"}
 
 
@@ -40,7 +40,7 @@ class Failure:
             "hand": self.hand,
             "objects": task.atlas.ids,
             "config": json.dumps(settings),
-            "batch": {name: value.cpu() for name, value in batch.items()},
+            "batch": batch.to("cpu").tensors(),
             "weights": {name: value.cpu() for name, value in net.state_dict().items()},
         }
         torch.save(values, self.file)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import re
 
+import igl
 import numpy as np
 import pytest
 import trimesh
@@ -16,8 +17,9 @@ from dmfc.objects.mass import implausible_mass
 from dmfc.objects.mesh import clean
 from dmfc.objects.model import ObjectModel
 from dmfc.objects.prepare import prepare
-from dmfc.objects.sdf import exact_signed_distance, signed_distance_grid
-from dmfc.objects.sources import ObjectSource, find_object
+from dmfc.objects.sdf import signed_distance_grid
+from dmfc.objects.source import ObjectSource
+from dmfc.objects.sources import find_object
 
 CONFIG = PrepareConfig(
     sdf_spacing=0.002,
@@ -45,6 +47,14 @@ def box() -> ObjectModel:
 @pytest.fixture(scope="module")
 def cup() -> ObjectModel:
     return prepare(find_object("procedural/cup-0001"), CONFIG)
+
+
+def exact_signed_distance(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray):
+    """Signed distance at points [n, 3] by query of the mesh itself -> [n], positive inside."""
+    faces = faces.astype(np.int64)
+    squared, _, _ = igl.point_mesh_squared_distance(points, vertices, faces)
+    inside = igl.fast_winding_number(vertices.astype(np.float64), faces, points) > 0.5
+    return np.where(inside, 1.0, -1.0) * np.sqrt(squared)
 
 
 def band_error(model: ObjectModel, band: float, seed: int = 0, count: int = 4000) -> float:
@@ -249,6 +259,7 @@ def test_where_coacd_crashes_the_mesh_as_it_is_is_decomposed(tmp_path, monkeypat
 
 CRASHING = """
 import os, pathlib
+import igl
 import numpy as np
 def set_log_level(level): pass
 def Mesh(vertices, faces): return vertices

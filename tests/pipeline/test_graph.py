@@ -12,7 +12,7 @@ from dmfc.files.digest import file_digest
 from dmfc.grasps.library import library_file
 from dmfc.pipeline.graph import GraphBuilder, ObjectRef, without
 from dmfc.pipeline.stages import check_own_losses
-from dmfc.sweep.plan import plan_sweep
+from dmfc.sweep.planner import plan_sweep
 from dmfc.sweep.sweep_file import load_sweep
 from tests.support.fake_science import fake_refs
 
@@ -71,8 +71,6 @@ def test_table_one_shares_data_and_pretraining(builder):
         ("scenes.train.seed=5", {"scenes", "pretrain", "finetune", "evaluate"}),
         ("scenes.test.seed=5", {"scenes", "evaluate"}),
         ("grasps.per_object=7", {"grasps", "scenes", "pretrain", "finetune", "evaluate"}),
-        ("grasps.refine.steps=0", set()),
-        ("grasps.refine.steps=5", {"grasps", "scenes", "pretrain", "finetune", "evaluate"}),
         (
             "objects.prepare.sdf_spacing=0.006",
             {"object", "grasps", "scenes", "pretrain", "finetune", "evaluate"},

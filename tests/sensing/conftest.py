@@ -3,7 +3,7 @@
 import pytest
 
 from tests.support import clouds
-from tests.support.scene_fixtures import config, grasps, hand, objects, scenes  # noqa: F401
+from tests.support.scene_fixtures import config, grasps, hand, objects, scenes, shards  # noqa: F401
 
 
 @pytest.fixture(scope="session")

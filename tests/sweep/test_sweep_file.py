@@ -153,14 +153,14 @@ def test_what_overrides_what(tmp_path):
     path.write_text(
         "base: {training.batch_size: 7, scenes.test.count: 3}\n"
         "presets: {smoke: {scenes.test.count: 5}}\n"
-        "cells:\n  a: {model: finetuned, set: {losses.clamp: soft}}\n"
+        "cells:\n  a: {model: finetuned, set: {matching.mode: literal}}\n"
     )
     sweep = load_sweep(str(path))
     cell = sweep.cells[0]
-    config = cell_config(sweep, cell, 9, "smoke", ["losses.clamp=hard", "network.width=16"])
+    config = cell_config(sweep, cell, 9, "smoke", ["matching.mode=patch", "network.width=16"])
     assert config.training.batch_size == 7
     assert config.scenes.test.count == 5
-    assert config.losses.clamp == "soft"
+    assert config.matching.mode == "literal"
     assert config.network.width == 16
     assert config.training.seed == config.execution.seed == 9
     assert cell_config(sweep, cell, 0, None, []).scenes.test.count == 3

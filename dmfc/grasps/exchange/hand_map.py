@@ -16,7 +16,7 @@ from omegaconf.errors import OmegaConfBaseException
 from scipy.spatial.transform import Rotation
 from yaml import YAMLError
 
-from dmfc.errors import DmfcError, unknown_name
+from dmfc.errors import DmfcError, first_line, unknown_name
 from dmfc.geometry.transforms import transform
 from dmfc.hand.description import HandDescription
 
@@ -88,8 +88,8 @@ def load_hand_map(name: str) -> HandMap:
         found = OmegaConf.to_object(loaded)
     except OmegaConfBaseException as error:
         where = f" (key {error.full_key})" if error.full_key else ""
-        raise DmfcError(f"hand map {path}: {str(error).splitlines()[0]}{where}") from error
-    except (YAMLError, TypeError, OSError) as error:
+        raise DmfcError(f"hand map {path}: {first_line(error)}{where}") from error
+    except (YAMLError, TypeError, OSError, ValueError, AssertionError) as error:
         raise DmfcError(f"hand map {path}: {' '.join(str(error).split())}") from error
     assert isinstance(found, HandMap)
     return found
