@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from dmfc.cli import complete
+from dmfc.cli.outputs import folder_to_read
+from dmfc.errors import DmfcError
 from dmfc.experiment.console import stderr
 
 INTERRUPTED = 130
@@ -34,9 +37,30 @@ Overrides = Annotated[
 ]
 Store = Annotated[
     Path,
-    typer.Option("--store", envvar="DMFC_STORE", help="Folder of finished stages and results."),
+    typer.Option(
+        "--store",
+        envvar="DMFC_STORE",
+        help="Folder of finished stages and results.",
+        callback=folder_to_read(),
+    ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Answer with JSON on standard output.")]
+
+Port = Annotated[int, typer.Option(min=0, max=65535, help="Port to listen on; 0 takes a free one.")]
+
+
+def number(above: float = -math.inf, least: float = -math.inf) -> Callable[..., float | None]:
+    """A callback for an option of a finite number, more than `above` and not less than `least`."""
+
+    def check(param: typer.CallbackParam, value: float | None) -> float | None:
+        if value is not None and not (math.isfinite(value) and value > above and value >= least):
+            limit = f" above {above:g}" if above > -math.inf else ""
+            limit += f" of at least {least:g}" if least > -math.inf else ""
+            raise DmfcError(f"{param.opts[0]} {value}: a finite number{limit} is needed")
+        return value
+
+    return check
+
 
 PRESET = ["quick"]
 STORE = Path("store")

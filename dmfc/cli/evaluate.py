@@ -9,6 +9,7 @@ import typer
 
 from dmfc.cli import complete
 from dmfc.cli.common import PRESET, STORE, AsJson, Overrides, Preset, Store
+from dmfc.cli.outputs import file_to_write, folder_to_write
 from dmfc.errors import DmfcError
 from dmfc.experiment.console import answer, show_rows
 from dmfc.experiment.evaluation import (
@@ -48,20 +49,31 @@ def evaluate(
     as_json: AsJson = False,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="Folder for the rows, the summary and the figure."),
+        typer.Option(
+            "--out",
+            "-o",
+            help="Folder for the rows, the summary and the figure.",
+            callback=folder_to_write(),
+        ),
     ] = None,
     only: Annotated[
         str, typer.Option("--only", help="scene:trial, one trial once more, with a picture.")
     ] = "",
     dense: Annotated[
         int | None,
-        typer.Option(help="A scene: a picture of all its grasps, coloured by confidence."),
+        typer.Option(help="A scene: a picture of all its grasps, coloured by confidence.", min=0),
     ] = None,
     picture: Annotated[
         Path | None,
-        typer.Option(help="PNG that --only (trial.png) or --dense (dense.png) writes."),
+        typer.Option(
+            help="PNG that --only (trial.png) or --dense (dense.png) writes.",
+            callback=file_to_write(".png"),
+        ),
     ] = None,
-    video: Annotated[Path | None, typer.Option(help="GIF that --only writes: all of it.")] = None,
+    video: Annotated[
+        Path | None,
+        typer.Option(help="GIF that --only writes: all of it.", callback=file_to_write(".gif")),
+    ] = None,
     detailed: Annotated[
         bool, typer.Option("--detailed", help="More steps in the picture of --only.")
     ] = False,

@@ -15,8 +15,10 @@ from dmfc.cli.common import (
     Preset,
     Store,
     end_if_failed,
+    number,
     with_failures,
 )
+from dmfc.cli.outputs import folder_to_write, made
 from dmfc.errors import unknown_name
 from dmfc.experiment.console import show_rows, warn
 from dmfc.experiment.session import Session, failures, require
@@ -52,11 +54,17 @@ def grasps_import(
     ],
     hand_map: HandMapOption = "",
     scale: Annotated[
-        float | None, typer.Option(help="Size of the object, where a file has several.")
+        float | None,
+        typer.Option(
+            help="Size of the object, where a file has several.", callback=number(above=0)
+        ),
     ] = None,
     tolerance: Annotated[
         float,
-        typer.Option(help="rad beyond a joint's limits that is clipped; more skips the grasp."),
+        typer.Option(
+            help="rad beyond a joint's limits that is clipped; more skips the grasp.",
+            callback=number(least=0),
+        ),
     ] = 0.01,
     verify: Annotated[
         bool, typer.Option("--verify", help="Keep only what holds in simulation, and measure it.")
@@ -83,8 +91,7 @@ def grasps_import(
     rows = {}
     for name, grasps in found.sets.items():
         file = out / f"{name.replace('/', '__')}.parquet" if several else out
-        file.parent.mkdir(parents=True, exist_ok=True)
-        grasps.save(file)
+        grasps.save(made(file))
         rows[name] = {"object": name, "grasps": len(grasps), **grasps.notes, "file": str(file)}
     names, failed = [*found.sets, *found.failed], dict(found.failed)
     shown = with_failures(names, rows, failed) if failed else list(rows.values())
@@ -99,7 +106,12 @@ def grasps_export(
     selectors: Annotated[
         list[str], typer.Argument(help="Objects whose grasps are exported, such as ycb:test.")
     ],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for objects/ and grasps/.")],
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out", "-o", help="Folder for objects/ and grasps/.", callback=folder_to_write()
+        ),
+    ],
     hand_map: HandMapOption = "",
     preset: Preset = PRESET,
     overrides: Overrides = None,

@@ -20,6 +20,7 @@ from dmfc.cli.common import (
     with_failures,
 )
 from dmfc.cli.objects import Selectors, object_stages
+from dmfc.cli.outputs import file_to_write, folder_to_write
 from dmfc.errors import DmfcError
 from dmfc.experiment.console import answer, show_rows, stderr
 from dmfc.experiment.session import Session, failures, require
@@ -46,7 +47,11 @@ def grasps_plan(
     store: Store = STORE,
     as_json: AsJson = False,
     out: Annotated[
-        Path | None, typer.Option(help="Also copy sets that have grasps into this library folder.")
+        Path | None,
+        typer.Option(
+            help="Also copy sets that have grasps into this library folder.",
+            callback=folder_to_write(),
+        ),
     ] = None,
 ) -> None:
     """Plan grasps for objects and check each in simulation.
@@ -91,10 +96,14 @@ def grasp_stages(session: Session, selectors: list[str] | None) -> list[Stage]:
 def grasps_stats(
     selectors: Selectors = None,
     scenes: Annotated[
-        int, typer.Option(help="Scenes made per object to match its labels in; 0: none.")
+        int, typer.Option(help="Scenes made per object to match its labels in; 0: none.", min=0)
     ] = 4,
     sheet: Annotated[
-        Path | None, typer.Option(help="Write a contact sheet of grasps here (.png; needs GL).")
+        Path | None,
+        typer.Option(
+            help="Write a contact sheet of grasps here (.png; needs GL).",
+            callback=file_to_write(".png"),
+        ),
     ] = None,
     preset: Preset = PRESET,
     overrides: Overrides = None,

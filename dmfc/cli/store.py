@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dmfc.cli.common import STORE, AsJson, Store
+from dmfc.cli.common import STORE, AsJson, Store, number
+from dmfc.cli.outputs import file_to_write
 from dmfc.errors import DmfcError
 from dmfc.experiment.console import answer, show_rows
 
@@ -136,7 +137,10 @@ def prune(
         list[str] | None,
         typer.Option("--keep", help="Sweeps to keep; repeatable; default: all in the store."),
     ] = None,
-    older_than: Annotated[float, typer.Option(help="Only stages older than so many days.")] = 0.0,
+    older_than: Annotated[
+        float,
+        typer.Option(help="Only stages older than so many days.", callback=number(least=0)),
+    ] = 0.0,
     failed: Annotated[
         bool, typer.Option("--failed", help="Kept failures instead, to try them again.")
     ] = False,
@@ -162,7 +166,11 @@ def prune(
 @store_app.command("export")
 def export(
     archive: Annotated[
-        str, typer.Argument(help="File to write, .tar or .tar.gz: a path or a URL (s3://...).")
+        str,
+        typer.Argument(
+            help="File to write, .tar or .tar.gz: a path or a URL (s3://...).",
+            callback=file_to_write(),
+        ),
     ],
     sweeps: Sweeps = None,
     store: Store = STORE,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dmfc.cli.common import STORE, AsJson, Store
+from dmfc.cli.common import STORE, AsJson, Port, Store
 from dmfc.experiment.console import show_rows
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def sync(
 
 def ui(
     store: Store = STORE,
-    port: Annotated[int, typer.Option(help="Port on 127.0.0.1; 0 takes a free one.")] = 5000,
+    port: Port = 5000,
     open_page: Annotated[
         bool, typer.Option("--open", help="Open the latest sweep in the browser.")
     ] = False,

@@ -24,6 +24,8 @@ def executed(config: Config) -> Config:
     Raises DmfcError on an unknown protocol or setting, or one that is not for execution.
     """
     path = shipped_file("protocols", config.execution.protocol, "protocol")
+    if not path.stat().st_size:
+        raise DmfcError(f"protocol '{path}' is empty: it has 0 bytes (execution.protocol)")
     overlays = [
         (str(path), read_yaml(path) or {}),
         ("execution.changes", config.execution.changes),

@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dmfc.config.protocol import executed
-from dmfc.errors import DmfcError, first_line, unknown_name
+from dmfc.errors import DmfcError, unknown_name
 from dmfc.experiment.console import warn
 from dmfc.experiment.session import Session, require
 from dmfc.files.below import files_below
+from dmfc.files.foreign import reading
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -172,14 +173,11 @@ def read_trials(text: str) -> pd.DataFrame:
 
     name, _, cell = text.partition(":")
     path = Path(name) / TRIALS if Path(name).is_dir() else Path(name)
-    if not path.is_file():
-        raise DmfcError(f"there are no trial rows at '{path}'")
-    verified(path.parent)
-    whole_output(path, "`dmfc tables` or `dmfc evaluate` writes it again")
-    try:
+    if path.is_file():
+        verified(path.parent)
+        whole_output(path, "`dmfc tables` or `dmfc evaluate` writes it again")
+    with reading(path, "trial rows (parquet)"):
         rows = pd.read_parquet(path)
-    except (OSError, ValueError) as error:
-        raise DmfcError(f"trial rows '{path}' cannot be read: {first_line(error)}") from error
     if not cell:
         return rows
     cells = list(rows["cell"].unique()) if "cell" in rows else []

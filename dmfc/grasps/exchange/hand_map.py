@@ -94,7 +94,10 @@ def load_hand_map(name: str) -> HandMap:
     except OmegaConfBaseException as error:
         where = f" (key {error.full_key})" if error.full_key else ""
         raise DmfcError(f"hand map {path}: {first_line(error)}{where}") from error
-    except (YAMLError, TypeError, ValueError, OSError, RecursionError, AttributeError) as error:
+    except (
+        *(YAMLError, TypeError, ValueError, OSError, RecursionError),
+        *(AttributeError, AssertionError),
+    ) as error:
         raise DmfcError(f"hand map {path}: {one_line(error)}") from error
     assert isinstance(found, HandMap)
     numbers(found.position, 3, f"hand map {path}", "position")

@@ -29,6 +29,8 @@ from dmfc.scenes.scene_set import SceneSet
 VERSION = 2
 KIND = "dmfc.scene_set"
 MANIFEST = "manifest.json"
+ENTRIES = {"shards", "grasps", "grasps_sha256", "palm_reference", "scenes", "matching"}
+"""What every manifest has, as far as it is read."""
 
 
 @dataclass(frozen=True)
@@ -45,13 +47,19 @@ class PublishedSet:
         text = read_file(join(place, MANIFEST))
         try:
             manifest = json.loads(text)
-        except json.JSONDecodeError as error:
+        except (ValueError, RecursionError) as error:
             raise DmfcError(f"{join(place, MANIFEST)} is damaged: {error}") from error
-        if manifest.get("kind") != KIND or manifest.get("version") != VERSION:
+        if not isinstance(manifest, dict) or (manifest.get("kind"), manifest.get("version")) != (
+            KIND,
+            VERSION,
+        ):
             raise DmfcError(
                 f"{join(place, MANIFEST)} is no scene set of version {VERSION}: "
                 "`dmfc scenes make` or `import` writes it anew"
             )
+        missing = ENTRIES - set(manifest)
+        if missing:
+            raise DmfcError(f"{join(place, MANIFEST)} is damaged: no {', '.join(sorted(missing))}")
         return cls(place, manifest)
 
     @cached_property
