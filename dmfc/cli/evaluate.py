@@ -16,6 +16,7 @@ from dmfc.experiment.evaluation import (
     evaluated,
     read_evaluation,
     read_trials,
+    require_scene,
     scene_settings,
 )
 
@@ -78,7 +79,15 @@ def evaluate(
         raise DmfcError("--only pictures one trial, --dense a whole scene: give one of them")
     if not only and (video or detailed or (picture and dense is None)):
         raise DmfcError("--video, --detailed and --picture are of one trial: name it by --only")
+    if out is not None and (only or dense is not None):
+        raise DmfcError("--out is for the rows of all trials: leave --only and --dense out")
     settings = [*(overrides or []), *scene_settings(scenes, protocol)]
+    if only:
+        from dmfc.pipeline.replay import parse_trial
+
+        require_scene(preset, settings, parse_trial(only)[0], "--only scene:trial")
+    elif dense is not None:
+        require_scene(preset, settings, dense, "--dense scene")
     session, stages = evaluated(source, preset, settings, store)
     if only:
         from dmfc.pipeline.replay import Pictures, replay

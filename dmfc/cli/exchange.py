@@ -83,6 +83,7 @@ def grasps_import(
 
     if format_name not in FORMATS:
         raise unknown_name("format", format_name, FORMATS)
+    mapped = load_hand_map(hand_map or format_name)
     session = Session.open(preset, overrides, store)
     config = session.config
     found = session.builder.selected_objects(config, [object_name])
@@ -93,7 +94,6 @@ def grasps_import(
     hand_folder, object_folder = (session.ledger.folder(stage.address) for stage in stages)
     hand, model = load_hand(hand_folder), load_object(object_folder)
     description = load_description(config.hand.name)
-    mapped = load_hand_map(hand_map or format_name)
     foreign = read_foreign(format_name, paths, mapped, model, scale)
     grasps = to_grasp_set(foreign, mapped, hand, description, model, config.grasps, tolerance)
     if verify:
@@ -129,6 +129,7 @@ def grasps_export(
     from dmfc.hand.description import load_description
     from dmfc.pipeline.artifacts import load_grasps, load_hand, load_object
 
+    mapped = load_hand_map(hand_map or "dexgraspbench")
     session = Session.open(preset, overrides, store)
     config, builder = session.config, session.builder
     objects = builder.selected_objects(config, selectors)
@@ -143,7 +144,6 @@ def grasps_export(
 
     hand = load_hand(folder(hand_stage))
     description = load_description(config.hand.name)
-    mapped = load_hand_map(hand_map or "dexgraspbench")
     rows = {}
     for obj, planned in zip(objects, sets, strict=True):
         if planned.name in failed:

@@ -121,7 +121,7 @@ def _of_cloud(query: CloudQuery) -> View:
 def _of_evaluation(
     source: str, scene: int | None, trial: str, preset: str, overrides: list[str], store: Path
 ) -> View:
-    from dmfc.experiment.evaluation import evaluated
+    from dmfc.experiment.evaluation import evaluated, require_scene
     from dmfc.pipeline.replay import find_scene, parse_trial
     from dmfc.view.scene import evaluated_view
 
@@ -129,8 +129,9 @@ def _of_evaluation(
     if trial:
         scene, which = parse_trial(trial, "--trial")
     assert scene is not None
-    session, stages = evaluated(source, preset, overrides, store)
     option = "--trial scene:trial" if trial else "--scene"
+    require_scene(preset, overrides, scene, option)
+    session, stages = evaluated(source, preset, overrides, store)
     _, evaluation, found = find_scene(session.ledger, stages, scene, option)
     return evaluated_view(evaluation, found, which, Path(source).name)
 

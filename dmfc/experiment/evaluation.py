@@ -84,6 +84,15 @@ def evaluated(
     return session, stages
 
 
+def require_scene(preset: str, overrides: Sequence[str], number: int, option: str) -> None:
+    """Raises DmfcError, before anything is made, where the test set has no scene `number`."""
+    from dmfc.config.load import load_config
+
+    count = load_config(preset, overrides).scenes.test.count
+    if not 0 <= number < count:
+        raise DmfcError(f"the test set has no scene {number}: it has {count} ({option})")
+
+
 def read_evaluation(
     session: Session, stages: Sequence[Stage], source: str, preset: str
 ) -> Evaluation:
@@ -143,6 +152,9 @@ def _source(source: str) -> tuple[Path | None, dict[str, Path]]:
     if source in MODELS:
         return None, {}
     if (path / WEIGHTS).is_file():
+        from dmfc.network.checkpoint import load_alone
+
+        load_alone(path)  # before stages are made that it is to be evaluated with
         return path.absolute(), {}
     sets = sorted(path.rglob("*.parquet")) if path.is_dir() else [path]
     if not sets or not all(file.is_file() and file.suffix == ".parquet" for file in sets):

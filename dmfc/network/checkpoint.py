@@ -56,6 +56,7 @@ def load_alone(folder: Path) -> tuple[DmfcGraspNet, str]:
         stored = OmegaConf.load(folder / CONFIG)
         net = DmfcGraspNet(_network_config(stored), *buffers)
         net.load_state_dict(tensors)
+        _require_finite(tensors, folder)
         hand = str(stored.hand)
     except (*_BROKEN, KeyError, RuntimeError) as error:
         raise DmfcError(f"{folder} holds no trained network: {one_line(error)}") from error
@@ -65,12 +66,20 @@ def load_alone(folder: Path) -> tuple[DmfcGraspNet, str]:
 def load_weights(net: DmfcGraspNet, folder: Path) -> None:
     """Fill `net` with the weights of a stage's `folder`; they must fit exactly."""
     try:
-        net.load_state_dict(load_file(folder / WEIGHTS))
+        tensors = load_file(folder / WEIGHTS)
+        _require_finite(tensors, folder)
+        net.load_state_dict(tensors)
     except (OSError, SafetensorError, RuntimeError) as error:
         raise DmfcError(
             f"the weights in {folder} do not fit this network and hand: {one_line(error)} "
             "(network.*, hand.name)"
         ) from error
+
+
+def _require_finite(tensors: dict[str, torch.Tensor], folder: Path) -> None:
+    wrong = [name for name, value in tensors.items() if not torch.isfinite(value).all()]
+    if wrong:
+        raise DmfcError(f"{folder / WEIGHTS} is damaged: {wrong[0]} holds numbers not finite")
 
 
 def _network_config(stored: Any) -> NetworkConfig:
