@@ -85,6 +85,8 @@ def evaluate(
         raise DmfcError("--video, --detailed and --picture are of one trial: name it by --only")
     from dmfc.pipeline.replay import parse_trial
 
+    if out is not None and (only or dense is not None):
+        raise DmfcError("--out is for the rows of all trials: leave --only and --dense out")
     settings = [*(overrides or []), *scene_settings(scenes, protocol)]
     scene = None if dense is None else (dense, 0)
     wanted = parse_trial(only) if only else scene

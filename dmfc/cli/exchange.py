@@ -127,6 +127,7 @@ def grasps_export(
     from dmfc.hand.description import load_description
     from dmfc.pipeline.artifacts import load_grasps, load_hand, load_object
 
+    mapped = load_hand_map(hand_map or "dexgraspbench")
     session = Session.open(preset, overrides, store)
     config, builder = session.config, session.builder
     objects = builder.selected_objects(config, selectors)
@@ -141,7 +142,6 @@ def grasps_export(
 
     hand = load_hand(folder(hand_stage), config.closing)
     description = load_description(config.hand.name)
-    mapped = load_hand_map(hand_map or "dexgraspbench")
     rows = {}
     for obj, planned in zip(objects, sets, strict=True):
         if planned.name in failed:

@@ -26,6 +26,7 @@ from dmfc.experiment.scene_sets import (
     write_card,
 )
 from dmfc.experiment.session import Session
+from dmfc.files.foreign import reading
 
 if TYPE_CHECKING:
     from dmfc.scenes.publish.published import PublishedSet
@@ -209,10 +210,11 @@ def scenes_freeze(
 
 
 def _recorded(record: Path) -> dict[str, Any]:
-    try:
-        return json.loads(record.read_text())
-    except (OSError, json.JSONDecodeError) as error:
-        raise DmfcError(f"no digests of test sets in {record}: {error}") from error
+    with reading(record, "digests of test sets"):
+        found: dict[str, Any] = json.loads(record.read_text())
+    if not isinstance(found, dict) or not {"preset", "set", "sets"} <= set(found):
+        raise DmfcError(f"{record} holds no digests of test sets: preset, set, sets")
+    return found
 
 
 def _show(found: PublishedSet, as_json: bool) -> None:

@@ -197,6 +197,9 @@ def _source(source: str) -> tuple[Path | None, dict[str, Path], list[str]]:
     if source in MODELS:
         return None, {}, []
     if (path / WEIGHTS).is_file():
+        from dmfc.network.checkpoint import load_alone
+
+        load_alone(path)  # before stages are made that it is to be evaluated with
         return path.absolute(), {}, []
     sets = files_below(path, [".parquet"]) if path.is_dir() else [path]
     if not sets or not all(file.is_file() and file.suffix == ".parquet" for file in sets):

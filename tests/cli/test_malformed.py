@@ -106,7 +106,7 @@ def test_a_wrong_line_is_told_on_one_line(dmfc, folder, monkeypatch, patience, l
     before = set(folder.iterdir())
     status, out, err = dmfc(*shlex.split(line))
     assert status in (1, 2), f"accepted: {out}"
-    assert "unexpected" not in err
+    assert "error: unexpected" not in err
     assert "Traceback" not in err
     if line.startswith(ROWS):
         assert err.startswith("error: ") or "1 of 1 objects failed" in err
