@@ -13,9 +13,6 @@ from dmfc.experiment.console import stderr
 if TYPE_CHECKING:
     pass
 
-INTERRUPTED = 130
-"""Exit status after Ctrl-C, as shells have it."""
-
 Preset = Annotated[
     str,
     typer.Option(

@@ -23,8 +23,9 @@ from dmfc.cli import (
     train,
     view,
 )
-from dmfc.errors import DmfcError
+from dmfc.errors import DmfcError, masked
 from dmfc.experiment.console import stderr
+from dmfc.experiment.signals import end_as_by_ctrl_c
 
 app = typer.Typer(
     name="dmfc",
@@ -82,6 +83,7 @@ def main() -> None:
     debug = "--debug" in sys.argv
     if debug:
         sys.argv.remove("--debug")
+    end_as_by_ctrl_c()
     try:
         app(prog_name="dmfc")
     except DmfcError as error:
@@ -96,6 +98,6 @@ def main() -> None:
 
 
 def _fail(text: str) -> None:
-    line = " ".join(text.split())
+    line = masked(" ".join(text.split()))
     stderr().print(f"error: {line}", style="red", markup=False, soft_wrap=True)
     sys.exit(1)

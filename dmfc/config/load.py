@@ -13,6 +13,7 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from dmfc.config.interpolation import refuse_interpolation
 from dmfc.config.plain_yaml import parse_yaml, read_yaml
 from dmfc.config.schema import Config
 from dmfc.errors import DmfcError, unknown_name
@@ -133,6 +134,7 @@ def nearest_key(key: str, choices: Iterable[str]) -> str | None:
 
 def open_tree(values: Mapping[str, Any], where: str) -> dict[str, Any]:
     """`values` with dotted keys opened out, after checking every key against the schema."""
+    refuse_interpolation(values, where)
     root: dict[str, Any] = {}
 
     def put(prefix: str, node: Mapping[Any, Any]) -> None:

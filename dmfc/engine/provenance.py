@@ -12,6 +12,7 @@ from importlib.metadata import distributions
 from pathlib import Path
 from typing import Any
 
+from dmfc.errors import masked
 from dmfc.files.atomic import write_json
 
 PROVENANCE = "provenance.json"
@@ -26,7 +27,7 @@ def add_provenance(folder: Path) -> None:
     calls = read_provenance(folder)
     call: dict[str, Any] = {
         "started": round(time.time(), 3),
-        "command": sys.argv[1:],
+        "command": [masked(word) for word in sys.argv[1:]],
         "host": platform.node(),
         "python": platform.python_version(),
         "commit": git_commit(),

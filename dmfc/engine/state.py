@@ -94,6 +94,6 @@ def _dead(marks: Path) -> list[Path]:
         try:
             with FileLock(path.with_suffix(".lock"), timeout=0):
                 dead.append(path)
-        except Timeout:
+        except (Timeout, OSError):  # of a store that cannot be written nobody can know
             continue
     return dead

@@ -20,7 +20,7 @@ from dmfc.engine.context import StageContext, tell_attempt
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.stage import plain
 from dmfc.engine.system import keep_samples, sampled
-from dmfc.errors import DmfcError
+from dmfc.errors import DmfcError, masked
 
 ERROR_LOG = "error.txt"
 
@@ -178,5 +178,5 @@ def _explain(error: Exception, work: Path) -> str:
 
 
 def _one_line(error: Exception) -> str:
-    line = (str(error).strip().splitlines() or [""])[0]
+    line = masked((str(error).strip().splitlines() or [""])[0])
     return line if isinstance(error, DmfcError) else f"{type(error).__name__}: {line}"

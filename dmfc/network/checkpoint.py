@@ -12,6 +12,7 @@ from omegaconf.errors import OmegaConfBaseException
 from safetensors import SafetensorError
 from safetensors.torch import load_file
 
+from dmfc.config.interpolation import refuse_interpolation
 from dmfc.config.network import NetworkConfig
 from dmfc.errors import DmfcError
 from dmfc.hand.model import HandModel
@@ -77,6 +78,7 @@ def load_weights(net: DmfcGraspNet, folder: Path) -> None:
 
 
 def _network_config(stored: Any) -> NetworkConfig:
+    refuse_interpolation(stored, CONFIG)
     config = OmegaConf.merge(OmegaConf.structured(NetworkConfig), stored.network)
     return cast(NetworkConfig, OmegaConf.to_object(config))
 

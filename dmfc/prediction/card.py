@@ -8,12 +8,15 @@ from typing import Any
 
 from omegaconf import OmegaConf
 
+from dmfc.config.interpolation import refuse_interpolation
+
 UNMEASURED = "This model was not evaluated."
 
 
 def model_card(stage: Path, name: str, measured: str = "") -> str:
     """Markdown for the trained network in the folder `stage`; says only what its files say."""
     settings: Any = OmegaConf.load(stage / "config.yaml")
+    refuse_interpolation(settings, str(stage / "config.yaml"))
     record = _json(stage / "stage.json")
     summary = _json(stage / "summary.json")
     weights = {**settings.losses.weights, **settings.losses.get("own", {})}

@@ -12,6 +12,7 @@ from typing import Any
 from dmfc.config.schema import Config
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.stage import Stage, closure, plain
+from dmfc.errors import masked
 from dmfc.files.atomic import write_json
 from dmfc.pipeline.graph import CellStages, GraphBuilder
 from dmfc.sweep.sweep_file import Cell, Sweep, cell_config
@@ -158,8 +159,15 @@ def _describe_cell(plan: CellPlan) -> dict[str, Any]:
         "pretrain": _pretraining(plan.stages.model),
         "evaluations": [stage.address for stage in plan.stages.evaluations],
         "data": _data(plan),
-        "config": plain(plan.config),
+        "config": _masked(plain(plan.config)),
     }
+
+
+def _masked(value: Any) -> Any:
+    """The settings as they may be kept: without passwords in URIs."""
+    if isinstance(value, dict):
+        return {name: _masked(item) for name, item in value.items()}
+    return masked(value) if isinstance(value, str) else value
 
 
 def _data(plan: CellPlan) -> list[dict[str, Any]]:

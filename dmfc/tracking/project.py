@@ -25,13 +25,14 @@ from dmfc.report.page import MARKER
 from dmfc.report.table import NAMES, SweepTable
 from dmfc.tracking.cell import ENDED, CellContent, Point, cell_content
 from dmfc.tracking.registry import register_best
-from dmfc.tracking.store import tracking_uri
+from dmfc.tracking.store import is_server, sqlite_path, tracking_uri, without_user
 from dmfc.tracking.writer import PARENT, Writer
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-VERSION = 2
+VERSION = 3
+"""Markers of older ones name the store's own database by where the store then was."""
 LOCK_SECONDS = 120.0
 """Time that a writer waits for another one of the same sweep."""
 
@@ -56,12 +57,12 @@ def project_sweep(
     Without a change since the last call MLflow is not even imported. Raises DmfcError where
     another process writes the same sweep and does not end.
     """
-    uri = uri or tracking_uri(ledger)
+    kept, uri = without_user(uri), uri or tracking_uri(ledger)
     sweep, folder = read_sweep(ledger, sweep_id), ledger.store / "sweeps" / sweep_id
     state = read_state(folder)
     contents = [cell_content(ledger, cell, state) for cell in sweep["cells"]]
     parent = _parent_content(ledger, sweep, state, contents)
-    digest = _digest([VERSION, uri, parent.digest, [content.digest for content in contents]])
+    digest = _digest([VERSION, kept, parent.digest, [content.digest for content in contents]])
     known = _marker(folder)
     if known.get("digest") == digest and _still_there(uri):
         return Tracked(uri, known["experiment_id"], known["run_id"])
@@ -85,8 +86,9 @@ def project_sweep(
             f"MLflow at '{uri}' was not written: {line} (run.tracking_uri; `dmfc tracking sync` "
             "writes what is missing)"
         ) from error
-    told = {"digest": digest, "experiment_id": writer.experiment_id, "run_id": run_id}
-    write_json(folder / MARKER, {**told, "uri": uri, "status": parent.status, "runs": runs})
+    told = {"version": VERSION, "digest": digest, "uri": kept, "status": parent.status}
+    ids = {"experiment_id": writer.experiment_id, "run_id": run_id, "runs": runs}
+    write_json(folder / MARKER, {**told, **ids})
     return Tracked(uri, writer.experiment_id, run_id)
 
 
@@ -97,7 +99,7 @@ def project_stale(ledger: Ledger) -> list[str]:
         folder = ledger.store / "sweeps" / sweep_id
         marker, state = _marker(folder), read_state(folder)
         if marker and marker.get("status") not in ENDED and state.status in ENDED:
-            project_sweep(ledger, sweep_id, marker["uri"])
+            project_sweep(ledger, sweep_id, _uri_of(marker))
             stale.append(sweep_id)
     return stale
 
@@ -199,9 +201,16 @@ def _marker(folder: Path) -> dict[str, Any]:
     return json.loads(path.read_text()) if path.is_file() else {}
 
 
+def _uri_of(marker: Mapping[str, Any]) -> str:
+    """Where the runs of a sweep are; empty: in the store's own database."""
+    uri = str(marker["uri"])
+    return uri if marker.get("version", 0) >= 3 or is_server(uri) else ""
+
+
 def _still_there(uri: str) -> bool:
     """Whether a local database is still there; a remote one is taken to be."""
-    return not uri.startswith("sqlite:///") or Path(uri.removeprefix("sqlite:///")).is_file()
+    path = sqlite_path(uri)
+    return path is None or path.is_file()
 
 
 def _digest(value: Any) -> str:

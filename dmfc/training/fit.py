@@ -82,12 +82,13 @@ def fit(
             use_distributed_sampler=False,  # the data module's sampler knows the processes
         )
         checkpoint = work / CHECKPOINT
-        trainer.fit(
-            module,
-            datamodule=data,
-            ckpt_path=checkpoint if checkpoint.exists() else None,
-            weights_only=True,
-        )
+        with _interrupts_raised():
+            trainer.fit(
+                module,
+                datamodule=data,
+                ckpt_path=checkpoint if checkpoint.exists() else None,
+                weights_only=True,
+            )
     finished = sum(row["split"] == "train" for row in module.metrics)
     if finished < module.schedule.epochs:
         raise DmfcError(
@@ -96,6 +97,17 @@ def fit(
         )
     if trainer.is_global_zero:
         _write(out, stage, config, module, hand, time.perf_counter() - started)
+
+
+@contextlib.contextmanager
+def _interrupts_raised() -> Iterator[None]:
+    """Lightning ends the program on Ctrl-C; who called is to say how to go on."""
+    try:
+        yield
+    except SystemExit as ended:
+        if isinstance(ended.__context__, KeyboardInterrupt):
+            raise KeyboardInterrupt from ended
+        raise
 
 
 def _write(

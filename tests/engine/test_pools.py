@@ -3,7 +3,7 @@
 import pytest
 
 from dmfc.config.sweep import RunConfig
-from dmfc.engine.pools import START_TRIES, start_ray
+from dmfc.engine.ray_cluster import START_TRIES, start_ray
 from dmfc.errors import DmfcError
 
 

@@ -16,6 +16,7 @@ from omegaconf.errors import OmegaConfBaseException
 from scipy.spatial.transform import Rotation
 from yaml import YAMLError
 
+from dmfc.config.interpolation import refuse_interpolation
 from dmfc.errors import DmfcError, unknown_name
 from dmfc.geometry.transforms import transform
 from dmfc.hand.description import HandDescription
@@ -84,7 +85,9 @@ def load_hand_map(name: str) -> HandMap:
             raise unknown_name("format", name, [p.stem for p in folder.glob("*.yaml")])
         raise DmfcError(f"hand map '{name}' is not a file (option --hand-map)")
     try:
-        loaded: Any = OmegaConf.merge(OmegaConf.structured(HandMap), OmegaConf.load(path))
+        given = OmegaConf.load(path)
+        refuse_interpolation(given, f"hand map {path}")
+        loaded: Any = OmegaConf.merge(OmegaConf.structured(HandMap), given)
         found = OmegaConf.to_object(loaded)
     except OmegaConfBaseException as error:
         where = f" (key {error.full_key})" if error.full_key else ""
