@@ -36,7 +36,7 @@ test: install
 test-all: install
 	$(BIN)/python -m pytest -m "not chaos"
 
-# Kills workers, nodes and drivers under a sweep on a cluster of two nodes on this machine.
+# Kills workers, nodes, heads and drivers under sweeps on clusters on this machine.
 chaos: install
 	$(BIN)/python -m pytest tests/chaos
 

@@ -1,8 +1,11 @@
 """A store that is copied or moved is whole by itself: nothing outside it is ever written."""
 
 import hashlib
+import json
+import os
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -47,6 +50,24 @@ def all_files(uri: str, folder: Path) -> int:
     return len(runs)
 
 
+def with_tests() -> dict[str, str]:
+    """The environment of a process that imports what is here."""
+    return {**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[2])}
+
+
+def go_on(folder: str) -> None:
+    """Run a larger sweep in the store in `folder`, and finish what is said of the old one."""
+    larger = FinishedSweep(Path(folder), SWEEP + MORE)
+    project_sweep(larger.ledger, larger.id)
+    (marker,) = set(larger.ledger.store.glob("sweeps/*/tracked.json")) - {
+        larger.folder / "tracked.json"
+    }
+    marker.write_text(marker.read_text().replace('"FINISHED"', '"RUNNING"'))
+    (marker.parent / "table.md").write_text("changed")
+    write_state(marker.parent, "KILLED", {})
+    assert project_stale(larger.ledger) == [marker.parent.name]
+
+
 def test_a_sweep_on_a_copy_leaves_the_original_alone(finished, tmp_path, monkeypatch):
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
@@ -61,21 +82,25 @@ def test_a_sweep_on_a_copy_leaves_the_original_alone(finished, tmp_path, monkeyp
         name for name in everything(tmp_path) if name.startswith(other.name)
     }
 
-    copy = FinishedSweep(other, SWEEP + MORE)
-    marker = copy.ledger.store / "sweeps" / finished.id / "tracked.json"
-    for status in ("RUNNING", "FINISHED"):  # the old sweep's last driver was killed, and it ends
-        write_state(marker.parent, status, {})
-        marker.write_text(marker.read_text().replace('"FINISHED"', '"RUNNING"'))
-        project_stale(copy.ledger)
-    assert project_sweep(copy.ledger, copy.id).uri == tracking_uri(copy.ledger)
+    # In a process of its own: MLflow remembers where the files of a run are.
+    work_on_copy = f"from tests.tracking.test_moved import go_on; go_on({str(other)!r})"
+    subprocess.run([sys.executable, "-c", work_on_copy], check=True, env=with_tests())
 
     assert everything(original) == before
-    assert set(everything(tmp_path)) - set(everything(other)) >= there
     outside = {name for name in everything(tmp_path) if not name.startswith(other.name)}
     assert outside == there
     assert list(elsewhere.iterdir()) == []
     shutil.rmtree(original)
-    assert all_files(tracking_uri(copy.ledger), copy.ledger.store / "mlflow") == 13
+    copy = Ledger(other / "store")
+    count = f"""
+from pathlib import Path
+from tests.tracking.test_moved import all_files
+print(all_files({tracking_uri(copy)!r}, Path({str(copy.store / "mlflow")!r})))
+"""
+    counted = subprocess.run(
+        [sys.executable, "-c", count], check=True, env=with_tests(), capture_output=True, text=True
+    )
+    assert counted.stdout.split()[-1] == "13"
 
 
 def test_a_moved_store_knows_its_runs(finished, tmp_path):
@@ -95,9 +120,9 @@ def test_a_marker_of_an_older_version_names_this_store(finished, tmp_path):
     """Such a marker has the address that the store had when it was written."""
     project_sweep(finished.ledger, finished.id)
     marker = finished.folder / "tracked.json"
-    old = f'"uri": "sqlite:///{tmp_path}/gone/mlflow/mlflow.db", "version": 2'
-    text = marker.read_text().replace('"uri": ""', old).replace('"version": 3,', "")
-    marker.write_text(text.replace('"FAILED"', '"RUNNING"').replace(",\n}", "\n}"))
+    told = json.loads(marker.read_text())
+    address = f"sqlite:///{tmp_path}/gone/mlflow/mlflow.db"
+    marker.write_text(json.dumps({**told, "uri": address, "version": 2, "status": "RUNNING"}))
     assert project_stale(finished.ledger) == [finished.id]
     assert not (tmp_path / "gone").exists()
 
