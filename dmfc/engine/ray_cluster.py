@@ -135,10 +135,10 @@ def _why_no_ray(run: RunConfig, error: Exception) -> str:
 
 def _prepare_local() -> None:
     """Settings of a cluster on this machine: nobody else may use it. Call before Ray's import."""
+    # From 2.59 on Ray wants a token of whoever connects to such a cluster. Without one here it
+    # writes one into the home folder, for all clusters of the user.
     if "RAY_AUTH_TOKEN_PATH" not in os.environ:
-        # Else Ray writes a token into the home folder, where every cluster of the user has it.
         os.environ.setdefault("RAY_AUTH_TOKEN", secrets.token_hex(32))
-    os.environ.setdefault("RAY_AUTH_MODE", "token")
     for name, value in {**LOOPBACK, **KEEP_MEMORY}.items():
         os.environ.setdefault(name, value)  # for the workers too, which inherit it
 
