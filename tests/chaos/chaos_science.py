@@ -11,7 +11,7 @@ import time
 
 from dmfc.engine.ledger import Ledger
 from dmfc.files.atomic import write_json
-from tests.chaos.two_nodes import HELD
+from tests.chaos.held import HELD
 from tests.support import fake_science
 from tests.support.fake_science import FAKES, fake_refs, grasps, hand, object, scenes
 

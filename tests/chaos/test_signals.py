@@ -14,7 +14,7 @@ import psutil
 import pytest
 
 from dmfc.engine.state import read_state
-from tests.chaos.two_nodes import HELD
+from tests.chaos.held import HELD
 
 pytestmark = pytest.mark.chaos
 HERE = Path(__file__).resolve().parent
