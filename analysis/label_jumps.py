@@ -14,7 +14,8 @@ from torch import Tensor
 from dmfc.config.load import load_config
 from dmfc.config.losses import GraspSpace
 from dmfc.network.model import Prediction
-from dmfc.training.candidates import Batch, label_vectors, prediction_vectors
+from dmfc.training.batch import Batch
+from dmfc.training.candidates import label_vectors, prediction_vectors
 from dmfc.training.measures import label_errors
 from tests.benchmarks.trained import trained
 
@@ -27,12 +28,12 @@ def jumps(prediction: Prediction, batch: Batch, space: GraspSpace) -> Tensor:
     [p], the p seeds with a label in the order of `label_errors`; 0 where all have the same label.
     """
     ours = prediction_vectors(prediction, space)
-    labelled = batch["match"].any(-1)
+    labelled = batch.match.any(-1)
     apart = torch.cdist(ours, label_vectors(batch, space, prediction.centre))
-    nearest = apart.masked_fill(~batch["match"], torch.inf).argmin(-1)
+    nearest = apart.masked_fill(~batch.match, torch.inf).argmin(-1)
     found = []
     for row, there in enumerate(labelled):
-        position = batch["grasp_position"][row, nearest[row, there]]
+        position = batch.grasp_position[row, nearest[row, there]]
         seeds = prediction.seeds[row, there]
         near = torch.cdist(seeds, seeds).topk(NEIGHBOURS + 1, largest=False).indices
         found.append((position[near] - position[:, None]).norm(dim=-1).amax(1))
@@ -46,7 +47,7 @@ def main(store: Path, preset: str, overrides: list[str]) -> None:
     model, space = trained(config, "pretrained", "model", store), config.losses.grasp_space
     errors, apart = [], []
     for batch in model.batches(config.training.batch_size):
-        prediction = model.net(batch["points"], batch["seed_index"])
+        prediction = model.net(batch.points, batch.seed_index)
         errors.append(label_errors(prediction, batch, space)["translation_mm"])
         apart.append(jumps(prediction, batch, space))
     error, jump = torch.cat(errors), torch.cat(apart)

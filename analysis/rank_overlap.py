@@ -18,7 +18,7 @@ import torch
 from dmfc.config.schema import Config
 from dmfc.errors import DmfcError
 from dmfc.sweep.sweep_file import cell_config, load_sweep
-from dmfc.training.candidates import Batch
+from dmfc.training.batch import Batch
 from dmfc.training.selection import hardest
 from dmfc.training.task import Task
 from tests.benchmarks.trained import Trained, trained
@@ -33,7 +33,7 @@ def overlaps(found: Trained, config: Config, batch: Batch) -> list[tuple[float, 
 
     Both are 1 where it picked the same.
     """
-    prediction = found.net(batch["points"], batch["seed_index"])
+    prediction = found.net(batch.points, batch.seed_index)
     seeds = config.training.finetune_seeds
     tasks = [Task("finetune", config.losses, found.hand, found.atlas, n, seeds) for n in POINTS]
     rows = tasks[0].candidates(prediction, batch)

@@ -20,10 +20,10 @@ import pandas as pd
 import torch
 from scipy.stats import spearmanr
 
-from dmfc.cli.evaluate import evaluated
 from dmfc.errors import DmfcError
 from dmfc.execution.candidates import GraspCandidates
 from dmfc.execution.evaluate import Evaluation
+from dmfc.experiment.evaluation import evaluated
 from dmfc.losses.task import SceneTerms
 from dmfc.objects.atlas import ObjectAtlas, SceneObjects
 from dmfc.pipeline.replay import input_folders
@@ -71,7 +71,7 @@ def rows(store: Path, preset: str, overrides: list[str]) -> Iterator[pd.DataFram
                 continue
             runner = found.open(scene)
             planned = [
-                runner.plan(grasps.T_world_palm(row), grasps.joints[row], int(target))[1].planned
+                runner.plan(grasps.T[row], grasps.joints[row], int(target))[1].planned
                 for row, target in enumerate(grasps.object_index)
             ]
             frame = pd.DataFrame(measures(terms, found, scene, grasps))

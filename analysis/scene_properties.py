@@ -20,7 +20,8 @@ from dmfc.experiment.session import Session
 from dmfc.hand.description import load_description
 from dmfc.objects.model import ObjectModel
 from dmfc.physics.world import World
-from dmfc.scenes.scene_set import Scene, SceneSet
+from dmfc.pipeline.artifacts import load_object, load_scenes
+from dmfc.scenes.scene_set import Scene
 
 SECONDS = 2.0
 
@@ -73,9 +74,9 @@ def main() -> None:
     session = Session.open(given.preset, given.set, given.store)
     folder = session.ledger.folder
     stages = session.builder.objects(session.config, given.split)
-    objects = {s.name: ObjectModel.load(folder(s.address) / "object.npz") for s in stages}
+    objects = {s.name: load_object(folder(s.address)) for s in stages}
     shards = session.builder.scenes(session.config, given.split)
-    scenes = SceneSet.open([folder(shard.address) / "scenes.parquet" for shard in shards])
+    scenes = load_scenes(folder(shard.address) for shard in shards)
     chosen = scenes[: given.limit]
     overlaps = [overlap(scene, objects) for scene in chosen]
     moved = [

@@ -9,7 +9,6 @@ models drawn with replacement.
 
 from __future__ import annotations
 
-import json
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +20,7 @@ from scipy.stats import permutation_test, spearmanr
 
 from dmfc.config.validation import MEASURES
 from dmfc.engine.ledger import Ledger
+from dmfc.pipeline.artifacts import load_metrics
 from dmfc.report.collect import cell_rows, read_sweep, resolve_sweeps
 from dmfc.report.rates import Rates, rates
 
@@ -41,15 +41,15 @@ class Model:
 def models_of(ledger: Ledger, sweep_id: str) -> list[Model]:
     """The cells that were both validated and executed."""
     found = []
-    for cell in read_sweep(ledger, sweep_id)["cells"]:
-        if not cell["model"] or not ledger.finished(cell["model"]):
+    for cell in read_sweep(ledger, sweep_id).cells:
+        if not cell.model or not ledger.finished(cell.model):
             continue
-        text = (ledger.folder(cell["model"]) / "metrics.jsonl").read_text()
-        validated = [row for row in map(json.loads, text.splitlines()) if row["split"] == "val"]
+        metrics = load_metrics(ledger.folder(cell.model))
+        validated = [row for row in metrics if row["split"] == "val"]
         executed = cell_rows(ledger, cell, {})
         if validated and not executed.failure:
             measured = {name: validated[-1][name] for name in MEASURES if name in validated[-1]}
-            found.append(Model(cell["name"], measured, rates(executed.rows, int(executed.trials))))
+            found.append(Model(cell.name, measured, rates(executed.rows, int(executed.trials))))
     return found
 
 

@@ -16,6 +16,17 @@ def masked(text: str) -> str:
     return _PARAMETER.sub(r"\1***", _USER.sub(r"\1***@", text))
 
 
+EXTRAS = {
+    "sim": {
+        *("pytorch_kinematics", "mujoco", "trimesh", "coacd", "fcl", "embreex", "igl"),
+        *("manifold3d", "fast_simplification", "rtree", "networkx", "pyarrow", "pandas"),
+    },
+    "train": {"lightning"},
+    "sweep": {"ray", "optuna", "mlflow", "filelock", "psutil", "jinja2"},
+}
+"""Top-level modules of the packages that each extra in pyproject.toml adds."""
+
+
 class DmfcError(Exception):
     """A failure that is explained to the user on one line, without a traceback.
 
@@ -26,6 +37,17 @@ class DmfcError(Exception):
         super().__init__(masked(text))
 
 
+def first_line(error: BaseException) -> str:
+    """The first line of an error's text; the name of its type where it has no text."""
+    lines = str(error).strip().splitlines()
+    return lines[0] if lines else type(error).__name__
+
+
+def one_line(error: BaseException, most: int = 200) -> str:
+    """All of an error's text on one line, up to `most` characters; its type where it has none."""
+    return " ".join(str(error).split())[:most] or type(error).__name__
+
+
 def unknown_name(what: str, name: str, choices: Iterable[str]) -> DmfcError:
     """The error for a name that is not among `choices`: names the nearest one, then all of them."""
     choices = sorted(choices)
@@ -33,3 +55,14 @@ def unknown_name(what: str, name: str, choices: Iterable[str]) -> DmfcError:
     hint = f"; did you mean '{near[0]}'?" if near else ""
     listed = ", ".join(choices[:20]) + (", ..." if len(choices) > 20 else "")
     return DmfcError(f"unknown {what} '{name}'{hint} (choices: {listed})")
+
+
+def missing_package(error: ModuleNotFoundError) -> DmfcError | None:
+    """The error for a package that an extra of dmfc installs; None for another module."""
+    package = (error.name or "").partition(".")[0]
+    extra = next((name for name, packages in EXTRAS.items() if package in packages), None)
+    if extra is None:
+        return None
+    return DmfcError(
+        f"this needs the package '{package}', which is not installed: pip install 'dmfc[{extra}]'"
+    )

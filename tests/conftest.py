@@ -5,8 +5,13 @@ from __future__ import annotations
 import signal
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
+
+if TYPE_CHECKING:
+    from dmfc.hand.description import HandDescription
+    from dmfc.hand.model import HandModel
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -40,6 +45,22 @@ def shadow_hand_dir() -> Path:
     from dmfc.assets import pull
 
     return pull("shadow_hand")
+
+
+@pytest.fixture(scope="session")
+def hand(shadow_hand_dir: Path) -> HandModel:
+    """The Shadow Hand with the default settings, built once."""
+    from tests.support.grasp_shapes import shadow
+
+    return shadow()[0]
+
+
+@pytest.fixture(scope="session")
+def description(shadow_hand_dir: Path) -> HandDescription:
+    """The description of the Shadow Hand."""
+    from dmfc.hand.description import load_description
+
+    return load_description("shadow")
 
 
 @pytest.fixture(scope="session")

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import ast
+import graphlib
 import subprocess
 import sys
 import tomllib
+from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
@@ -69,12 +71,17 @@ def part(path: Path) -> str:
 
 def imports(path: Path) -> set[str]:
     """Dotted names that a file imports anywhere, inside functions too."""
+    return imports_of(ast.walk(ast.parse(path.read_text())))
+
+
+def imports_of(nodes: Iterable[ast.AST]) -> set[str]:
+    """Dotted names that import statements among `nodes` import; there are no relative ones."""
     found = set()
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in nodes:
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path}: relative import"
+            assert node.level == 0, f"a relative import of {node.module}"
             module = node.module or ""
             found |= {f"{module}.{alias.name}" for alias in node.names}
     return found
@@ -100,6 +107,65 @@ def test_imports_point_down(path):
             assert rank(names[1]) <= rank(own), f"{own} imports {name}"
 
 
+def runtime_imports(path: Path) -> set[str]:
+    """As `imports`, without those for type checks alone (`if TYPE_CHECKING:`)."""
+    tree = ast.parse(path.read_text())
+    typed = {
+        child
+        for node in ast.walk(tree)
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
+        for statement in node.body
+        for child in ast.walk(statement)
+    }
+    return imports_of(node for node in ast.walk(tree) if node not in typed)
+
+
+def module_graph() -> dict[str, set[str]]:
+    """Each module of the package and the modules that it imports, inside functions too."""
+    names = {
+        ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path
+        for path in modules()
+    }
+
+    def module_of(imported: str) -> str | None:
+        while imported and imported not in names:
+            imported = imported.rpartition(".")[0]
+        return imported or None
+
+    return {
+        name: {module_of(imported) for imported in runtime_imports(path)} - {None, name}
+        for name, path in names.items()
+    }
+
+
+def circle(graph: dict[str, set[str]]) -> list[str]:
+    """Modules that import one another in a circle; empty if there are none."""
+    try:
+        graphlib.TopologicalSorter(graph).prepare()
+    except graphlib.CycleError as error:
+        return error.args[1]
+    return []
+
+
+def test_a_circle_is_found():
+    assert circle({"a": {"b"}, "b": {"c"}, "c": set()}) == []
+    assert set(circle({"a": {"b"}, "b": {"c"}, "c": {"b"}})) == {"b", "c"}
+
+
+def test_no_files_import_one_another():
+    graph = module_graph()
+    assert "dmfc.sweep.search_plan" in graph["dmfc.sweep.planner"]
+    assert "dmfc.prediction.planner" in graph["dmfc"]  # an import inside a function counts
+    assert circle(graph) == []
+
+
+def test_the_engine_knows_nothing_of_the_science():
+    allowed = {"engine", "errors", "files", "config"}
+    for path in (PACKAGE / "engine").glob("*.py"):
+        used = {name.split(".")[1] for name in imports(path) if name.startswith("dmfc.")}
+        assert used <= allowed, f"{path.name} imports {sorted(used - allowed)}"
+
+
 def loaded_by(*names: str) -> set[str]:
     """Top-level packages in a fresh interpreter after importing modules of dmfc."""
     code = f"import {', '.join(names)}, sys; print(*{{n.split('.')[0] for n in sys.modules}})"
@@ -111,7 +177,7 @@ def loaded_by(*names: str) -> set[str]:
 
 def test_the_command_line_is_light():
     loaded = loaded_by(
-        "dmfc.cli.main", "dmfc.sweep.plan", "dmfc.engine.engine", "dmfc.engine.watch"
+        "dmfc.cli.main", "dmfc.sweep.planner", "dmfc.engine.engine", "dmfc.engine.watch"
     )
     assert not loaded & HEAVY
 

@@ -22,7 +22,7 @@ from platformdirs import user_cache_dir
 from dmfc.assets.download import download
 from dmfc.assets.packs import Pack, get_pack
 from dmfc.assets.unpack import unpack
-from dmfc.errors import DmfcError
+from dmfc.errors import DmfcError, one_line
 
 _VERSION = 1
 PackStatus = Literal["cached", "missing"]
@@ -125,7 +125,7 @@ def _check(pack: Pack, folder: Path) -> int:
 def _what(error: Exception) -> str:
     if isinstance(error, FileNotFoundError):
         return f"'{Path(str(error.filename)).name}' is missing"
-    return " ".join(str(error).split()) or type(error).__name__
+    return one_line(error)
 
 
 def _sha256(path: Path) -> str:

@@ -17,6 +17,7 @@ def show_plans(plans: Sequence[SweepPlan], ledger: Ledger, as_json: bool) -> Non
     """Every stage of every cell, and whether it is in the ledger; if not, why."""
     from dmfc.engine.explain import reasons
     from dmfc.engine.stage import closure
+    from dmfc.pipeline.kinds import KINDS
 
     described: list[dict[str, Any]] = []
     for plan in plans:
@@ -39,7 +40,7 @@ def show_plans(plans: Sequence[SweepPlan], ledger: Ledger, as_json: bool) -> Non
         for stage in stages:
             finished[stage.kind] += done[stage.address]
         kinds = [{"kind": k, "stages": n, "done": finished[k]} for k, n in counts.items()]
-        why = reasons(stages, ledger)
+        why = reasons(stages, ledger, KINDS)
         listed = [
             {
                 "kind": stage.kind,

@@ -62,8 +62,7 @@ def grasps_import(
     from dmfc.grasps.exchange.hand_map import load_hand_map
     from dmfc.grasps.exchange.read import FORMATS, read_foreign
     from dmfc.hand.description import load_description
-    from dmfc.hand.model import HandModel
-    from dmfc.objects.model import ObjectModel
+    from dmfc.pipeline.artifacts import load_hand, load_object
 
     if format_name not in FORMATS:
         raise unknown_name("format", format_name, FORMATS)
@@ -75,10 +74,7 @@ def grasps_import(
     stages = [session.builder.hand(config), *found]
     require(session.make(stages), stages)
     hand_folder, object_folder = (session.ledger.folder(stage.address) for stage in stages)
-    hand, model = (
-        HandModel.load(hand_folder / "hand.npz"),
-        ObjectModel.load(object_folder / "object.npz"),
-    )
+    hand, model = load_hand(hand_folder), load_object(object_folder)
     description = load_description(config.hand.name)
     mapped = load_hand_map(hand_map or format_name)
     foreign = read_foreign(format_name, paths, mapped, model, scale)
@@ -109,10 +105,8 @@ def grasps_export(
     """
     from dmfc.grasps.exchange import dexgraspbench
     from dmfc.grasps.exchange.hand_map import load_hand_map
-    from dmfc.grasps.grasp_set import GraspSet
     from dmfc.hand.description import load_description
-    from dmfc.hand.model import HandModel
-    from dmfc.objects.model import ObjectModel
+    from dmfc.pipeline.artifacts import load_grasps, load_hand, load_object
 
     session = Session.open(preset, overrides, store)
     config, builder = session.config, session.builder
@@ -126,15 +120,15 @@ def grasps_export(
     def folder(stage: Stage) -> Path:
         return session.ledger.folder(stage.address)
 
-    hand = HandModel.load(folder(hand_stage) / "hand.npz")
+    hand = load_hand(folder(hand_stage))
     description = load_description(config.hand.name)
     mapped = load_hand_map(hand_map or "dexgraspbench")
     rows = {}
     for obj, planned in zip(objects, sets, strict=True):
         if planned.name in failed:
             continue
-        model = ObjectModel.load(folder(obj) / "object.npz")
-        grasps = GraspSet.load(folder(planned) / "grasps.parquet")
+        model = load_object(folder(obj))
+        grasps = load_grasps(folder(planned))
         count = dexgraspbench.write(grasps, mapped, hand, description, model, out)
         rows[planned.name] = {"object": model.id, "grasps": count}
     names = [stage.name for stage in sets]

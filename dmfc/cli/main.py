@@ -12,7 +12,6 @@ from dmfc.cli import (
     doctor,
     evaluate,
     exchange,
-    grasp_stats,
     grasps,
     objects,
     predict,
@@ -23,7 +22,7 @@ from dmfc.cli import (
     train,
     view,
 )
-from dmfc.errors import DmfcError, masked
+from dmfc.errors import DmfcError, masked, missing_package
 from dmfc.experiment.console import stderr
 from dmfc.experiment.signals import end_as_by_ctrl_c
 
@@ -37,7 +36,6 @@ app = typer.Typer(
 app.command()(doctor.doctor)
 app.add_typer(assets.assets, name="assets")
 app.add_typer(objects.objects, name="objects")
-grasps.grasps.command("stats")(grasp_stats.grasps_stats)
 grasps.grasps.command("import")(exchange.grasps_import)
 grasps.grasps.command("export")(exchange.grasps_export)
 app.add_typer(grasps.grasps, name="grasps")
@@ -93,6 +91,9 @@ def main() -> None:
     except Exception as error:
         if debug:
             raise
+        missing = missing_package(error) if isinstance(error, ModuleNotFoundError) else None
+        if missing:
+            _fail(str(missing))
         first = (str(error).strip().splitlines() or [""])[0]
         _fail(f"unexpected {type(error).__name__}: {first} (add --debug for the traceback)")
 

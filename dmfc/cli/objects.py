@@ -16,7 +16,7 @@ from dmfc.cli.common import (
     end_if_failed,
     with_failures,
 )
-from dmfc.experiment.console import show_rows
+from dmfc.experiment.console import show_rows, warn
 from dmfc.experiment.session import Session, failures
 
 if TYPE_CHECKING:
@@ -73,16 +73,17 @@ def objects_prepare(
     An object that cannot be prepared is a row with its reason; the others are prepared all the
     same. Ends with status 1 if any failed.
     """
-    from dmfc.objects.model import ObjectModel
+    from dmfc.objects.mass import implausible_mass
+    from dmfc.pipeline.artifacts import load_object
 
     session = Session.open(preset, overrides, store)
     stages = object_stages(session, selectors)
     failed = failures(session.make(stages), stages)
-    rows = {}
+    rows, warnings = {}, []
     for stage in stages:
         if stage.name in failed:
             continue
-        model = ObjectModel.load(session.ledger.folder(stage.address) / "object.npz")
+        model = load_object(session.ledger.folder(stage.address))
         rows[stage.name] = {
             "object": model.id,
             "faces": len(model.faces),
@@ -92,8 +93,10 @@ def objects_prepare(
             "stable_poses": len(model.stable_rotations),
             "notes": "; ".join(model.notes),
         }
+        warnings.append(implausible_mass(model))
     names = [stage.name for stage in stages]
     show_rows("prepared objects", with_failures(names, rows, failed), as_json)
+    warn(warnings)
     end_if_failed(failed, len(stages))
 
 

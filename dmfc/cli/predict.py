@@ -192,7 +192,8 @@ def _vector(values: np.ndarray) -> str:
 @models_app.command("list")
 def models_list(as_json: AsJson = False) -> None:
     """The models that `dmfc predict` and `dmfc.load` know by name."""
-    from dmfc.prediction.models import CARD, SHIPPED, WEIGHTS, default_model, shipped_models
+    from dmfc.network.model_files import WEIGHTS
+    from dmfc.prediction.models import CARD, SHIPPED, default_model, shipped_models
 
     rows = [
         {

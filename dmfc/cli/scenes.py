@@ -133,12 +133,13 @@ def scenes_import(
 ) -> None:
     """Your own scenes: clouds of objects on a table top z = 0, without labels, as a scene set."""
     from dmfc.config.load import load_config
+    from dmfc.pipeline.artifacts import SCENES
     from dmfc.scenes.custom import import_clouds
     from dmfc.scenes.publish.published import publish
 
     config = load_config(preset, overrides or [])
     out.mkdir(parents=True, exist_ok=True)
-    shard = out / "scenes.parquet"
+    shard = out / SCENES
     import_clouds(clouds, shard, config.scenes, unit, above)
     found = publish(
         str(out), [shard], {}, [0.0, 0.0, 0.0], config.matching, copy=False, made_by=made_by()

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from dmfc.cli.common import STORE, AsJson, Store
 from dmfc.errors import DmfcError
 from dmfc.experiment.console import answer, show_rows
+
+if TYPE_CHECKING:
+    from dmfc.engine.ledger import Ledger
 
 store_app = typer.Typer(
     name="store", help="Finished stages: what there is, and moving it.", no_args_is_help=True
@@ -114,7 +118,8 @@ def prune(
 
     ledger = Ledger(store)
     kept = resolve_sweeps(ledger, keep) if keep else list_sweeps(ledger)
-    doomed = stored.prunable(ledger, kept, older_than, failed)
+    needed = [] if failed else _targets(ledger, kept)
+    doomed = stored.prunable(ledger, needed, older_than, failed)
     if yes:
         doomed = stored.prune(ledger, doomed)
     rows = [{"stage": e.address, "name": e.name, "kB": round(e.bytes / 1e3, 1)} for e in doomed]
@@ -137,8 +142,15 @@ def export(
 
     ledger = Ledger(store)
     chosen = resolve_sweeps(ledger, sweeps) if sweeps else list_sweeps(ledger)
-    count = export_to(ledger, referred(ledger, chosen), chosen, archive)
+    count = export_to(ledger, referred(ledger, _targets(ledger, chosen)), chosen, archive)
     typer.echo(f"{archive}: {count} stages of {', '.join(chosen)}")
+
+
+def _targets(ledger: Ledger, sweep_ids: Sequence[str]) -> list[str]:
+    """The stages that the cells of those sweeps name."""
+    from dmfc.report.collect import read_sweep
+
+    return [address for sweep_id in sweep_ids for address in read_sweep(ledger, sweep_id).targets]
 
 
 @store_app.command("import")

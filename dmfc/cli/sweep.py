@@ -67,7 +67,7 @@ def _run(
     as_json: bool,
     dry_run: bool,
 ) -> None:
-    from dmfc.sweep.plan import plan_sweep
+    from dmfc.sweep.planner import plan_sweep
     from dmfc.sweep.sweep_file import load_sweep
 
     sweeps = [load_sweep(name) for name in files]
@@ -117,8 +117,8 @@ def status(
                 "sweep": sweep_id,
                 "status": state.status,
                 "drivers": list(state.drivers),
-                "stages": counts(ledger, described),
-                "running": [dataclasses.asdict(item) for item in running(ledger, described)],
+                "stages": counts(ledger, described.stages),
+                "running": [dataclasses.asdict(item) for item in running(ledger, described.stages)],
                 "failures": dict(state.failures),
             }
         )

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from dmfc.cli.common import PRESET, STORE, AsJson, Overrides, Preset, Store
-from dmfc.errors import unknown_name
 from dmfc.experiment.console import answer, show_rows
-from dmfc.experiment.session import Session, require
+from dmfc.experiment.session import Session
+from dmfc.experiment.training import train_model, training_stage
 
 if TYPE_CHECKING:
     from dmfc.engine.stage import Stage
@@ -31,26 +30,18 @@ def train(
     ] = None,
 ) -> None:
     """Train a model, with all that it needs, and print its last epoch."""
-    if stage not in ("pretrain", "finetune"):
-        raise unknown_name("stage", stage, ("pretrain", "finetune"))
     session = Session.open(preset, overrides, store)
-    built = session.builder.cell(
-        session.config, "pretrained" if stage == "pretrain" else "finetuned", "train"
-    ).model
-    assert built is not None
     if replay is not None:
-        _replay_batch(session, built, replay, as_json)
+        _replay_batch(session, training_stage(session, stage), replay, as_json)
         return
-    require(session.make([built]), [built])
-    folder = session.ledger.folder(built.address)
-    lines = [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
+    model = train_model(session, stage)
     if as_json:
-        answer({"stage": built.address, "folder": str(folder), "metrics": lines})
+        answer({"stage": model.address, "folder": str(model.folder), "metrics": model.epochs})
         return
-    last = {line["split"]: line for line in lines}
+    last = {line["split"]: line for line in model.epochs}
     rows = [{"metric": name, "value": v} for line in last.values() for name, v in line.items()]
     show_rows(f"{stage}: last epoch", rows, as_json=False)
-    typer.echo(f"weights and metrics: {folder}")
+    typer.echo(f"weights and metrics: {model.folder}")
 
 
 def _replay_batch(session: Session, training: Stage, file: Path, as_json: bool) -> None:

@@ -96,7 +96,7 @@ def _of_cloud(
 def _of_evaluation(
     source: str, scene: int | None, trial: str, preset: str, overrides: list[str], store: Path
 ) -> View:
-    from dmfc.cli.evaluate import evaluated
+    from dmfc.experiment.evaluation import evaluated
     from dmfc.pipeline.replay import find_scene, parse_trial
     from dmfc.view.scene import evaluated_view
 

@@ -5,68 +5,152 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from dmfc.config.setting import setting
+from dmfc.config.setting import GREATEST_SEED, setting
 
 
 @dataclass(frozen=True)
 class ExecutionConfig:
     protocol: str = setting(
-        "paper", "settings that hold in execution alone: paper, dexgraspbench, or a YAML file"
+        "paper",
+        "Settings that hold in execution alone: paper, dexgraspbench, or the path of a YAML file.",
     )
     changes: dict[str, Any] = setting(
-        {}, "the same, key by key, over the protocol: {physics.hand_friction: 0.7}"
+        {},
+        "Changes of the protocol, setting by setting: {physics.hand_friction: 0.7}.",
     )
-    grasps_per_scene: int = setting(4, "K")
-    min_confidence: float = setting(0.15, "predictions below this are dropped")
+    grasps_per_scene: int = setting(
+        4, "Number of grasps executed per scene (K).", least=1, greatest=1000
+    )
+    min_confidence: float = setting(
+        0.15, "Predictions with less confidence are not executed.", least=0, greatest=1
+    )
     most_confident: int = setting(
-        0, "predictions left of those, the most confident, before K are spread; 0: all"
+        0,
+        "Number of predictions, the most confident, among which the K executed ones are spread; "
+        "0: all.",
+        least=0,
+        greatest=1_000_000,
     )
     cloud_check: bool = setting(
         False,
-        "before K are chosen, drop grasps whose hand would have points of the cloud inside, or "
-        "reach into the table, on the way that planning checks; the paper drops none",
+        "Reject grasps whose hand would collide with points of the observed cloud, or reach into "
+        "the table, on the approach that planning checks. The paper rejects none.",
         later=True,
     )
-    seed: int = setting(0, "seed of the random row")
-    random_offset: float = setting(0.1, "random row: palm within this of a seed point, metres")
+    seed: int = setting(0, "Seed of the random grasps.", least=0, greatest=GREATEST_SEED)
+    random_offset: float = setting(
+        0.1,
+        "Random grasps: greatest distance of the palm from a seed point.",
+        unit="m",
+        least=0,
+        greatest=1,
+    )
 
     pregrasp_distance: float = setting(
-        0.1, "retreat of the pre-grasp along the palm normal, metres"
+        0.1,
+        "Distance of the pre-grasp from the grasp, back along the palm normal.",
+        unit="m",
+        least=0,
+        greatest=1,
     )
-    waypoints: int = setting(5, "poses of the approach that are checked for collision")
+    waypoints: int = setting(
+        5, "Poses of the approach that are checked for collision.", least=2, greatest=1000
+    )
     approach_tolerance: float = setting(
-        0.003, "penetration of open hand and table or object up to the grasp pose, metres"
+        0.003,
+        "Penetration of the open hand into table or object that is allowed on the approach.",
+        unit="m",
+        least=0,
+        greatest=0.1,
     )
     grasp_tolerance: float = setting(
         0.03,
-        "penetration of the fingers at the angles they are closed to and their target, metres; "
-        "contact stops them before, as it does in the squeeze",
+        "Penetration of the closed fingers into their object that is allowed at the grasp pose, "
+        "where contact stops the fingers earlier.",
+        unit="m",
+        least=0,
+        greatest=0.2,
     )
 
     start: Literal["rest", "pregrasp"] = setting(
-        "rest", "the hand comes from its resting pose, or begins at the pre-grasp"
+        "rest", "Where the motion starts: at the resting pose of the hand, or at the pre-grasp."
     )
-    rest_height: float = setting(0.4, "height of the palm in its resting pose, metres")
+    rest_height: float = setting(
+        0.4, "Height of the palm in its resting pose.", unit="m", least=0, greatest=5
+    )
     min_rise: float = setting(
-        0.1, "least height of the lift, for a grasp near or above the resting height, metres"
+        0.1,
+        "Least height of the lift, for a grasp near or above the resting height.",
+        unit="m",
+        least=0.01,
+        greatest=5,
     )
-    settle_time: float = setting(0.2, "s, the scene comes to rest before the hand moves")
-    raise_time: float = setting(0.3, "s, resting pose to the pose above the pre-grasp")
-    descend_time: float = setting(0.4, "s, down to the pre-grasp")
-    approach_time: float = setting(0.4, "s, pre-grasp to grasp pose")
-    close_time: float = setting(0.5, "s, the fingers close")
-    squeeze_time: float = setting(0.2, "s, the fingers hold on before the lift")
-    lift_time: float = setting(1.0, "s, straight up to the resting height")
-    hold_time: float = setting(2.0, "s, at the resting height")
+    settle_time: float = setting(
+        0.2,
+        "Time for the scene to come to rest before the hand moves.",
+        unit="s",
+        least=0,
+        greatest=60,
+    )
+    raise_time: float = setting(
+        0.3, "From the resting pose to above the pre-grasp.", unit="s", least=0.01, greatest=60
+    )
+    descend_time: float = setting(0.4, "Down to the pre-grasp.", unit="s", least=0.01, greatest=60)
+    approach_time: float = setting(
+        0.4, "From the pre-grasp to the grasp pose.", unit="s", least=0.01, greatest=60
+    )
+    close_time: float = setting(0.5, "Closing of the fingers.", unit="s", least=0.01, greatest=60)
+    squeeze_time: float = setting(
+        0.2, "Squeeze of the closed fingers before the lift.", unit="s", least=0, greatest=60
+    )
+    lift_time: float = setting(
+        1.0, "Lift, straight up to the resting height.", unit="s", least=0.01, greatest=60
+    )
+    hold_time: float = setting(2.0, "Hold at the resting height.", unit="s", least=0, greatest=600)
 
-    knock_distance: float = setting(0.08, "object moved farther before the lift: knocked away, m")
-    lift_fraction: float = setting(0.5, "share of the lift that the object must have come along")
-    max_slip: float = setting(
-        0.0, "farthest that the object may have moved in the hand since the lift began, m; 0: any"
+    knock_distance: float = setting(
+        0.08,
+        "An object that moved farther before the lift was knocked away.",
+        unit="m",
+        least=0,
+        greatest=10,
     )
-    max_turn: float = setting(0.0, "the same for how far it turned, rad; 0: any")
-    palm_distance: float = setting(0.2, "object's centre farther from the palm: not held, metres")
-    lost_time: float = setting(0.2, "s without contact after which a lifted object is lost")
+    lift_fraction: float = setting(
+        0.5, "Least share of the lift that the object must follow.", least=0, greatest=1
+    )
+    max_slip: float = setting(
+        0.0,
+        "Greatest motion of the object in the hand since the lift began; 0: any.",
+        unit="m",
+        least=0,
+        greatest=1,
+    )
+    max_turn: float = setting(
+        0.0,
+        "Greatest rotation of the object in the hand since the lift began; 0: any.",
+        unit="rad",
+        least=0,
+        greatest=3.15,
+    )
+    palm_distance: float = setting(
+        0.2,
+        "An object whose centre is farther from the palm is not held.",
+        unit="m",
+        least=0,
+        greatest=5,
+    )
+    lost_time: float = setting(
+        0.2,
+        "A lifted object without contact for longer is lost.",
+        unit="s",
+        least=0,
+        greatest=60,
+    )
     blow_up_speed: float = setting(
-        10.0, "m/s; an object with more kinetic energy per mass than at this speed: diverged"
+        10.0,
+        "The simulation has diverged if an object has more kinetic energy per mass than at this "
+        "speed.",
+        unit="m/s",
+        least=0.1,
+        greatest=10_000,
     )

@@ -4,21 +4,46 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from dmfc.config.setting import setting
+from dmfc.config.setting import GREATEST_SEED, setting
 
 
 @dataclass(frozen=True)
 class HandConfig:
     name: str = setting(
-        "shadow", "hand description: a name in dmfc/hand/data or the path of a YAML file"
+        "shadow", "Description of the hand: a name in dmfc/hand/data, or the path of a YAML file."
     )
-    opening: float = setting(0.5, "rad that the fingers are open before they close on an object")
-    squeeze: float = setting(0.3, "rad beyond contact to which they are commanded; sets the force")
+    opening: float = setting(
+        0.5,
+        "How far the fingers are open before they close on an object.",
+        unit="rad",
+        least=0,
+        greatest=3,
+    )
+    squeeze: float = setting(
+        0.3,
+        "How far beyond contact the fingers are commanded; this sets the grasp force.",
+        unit="rad",
+        least=0,
+        greatest=3,
+    )
     collision_points: int = setting(
-        2000, "points sampled on the hand's surface for the collision loss"
+        2000,
+        "Points sampled on the hand's surface for the collision loss.",
+        least=10,
+        greatest=100_000,
     )
     link_sdf_spacing: float = setting(
-        0.002, "voxel size of the links' signed-distance grids, metres"
+        0.002,
+        "Voxel size of the signed-distance grid of each link.",
+        unit="m",
+        least=2e-4,
+        greatest=0.05,
     )
-    link_sdf_margin: float = setting(0.01, "how far those grids reach beyond their link, metres")
-    seed: int = setting(0, "seed of the collision points")
+    link_sdf_margin: float = setting(
+        0.01,
+        "How far these grids reach beyond their link.",
+        unit="m",
+        least=0,
+        greatest=0.2,
+    )
+    seed: int = setting(0, "Seed of the collision points.", least=0, greatest=GREATEST_SEED)

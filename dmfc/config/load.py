@@ -5,19 +5,21 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import typing
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from dmfc.config.interpolation import refuse_interpolation
 from dmfc.config.plain_yaml import parse_yaml, read_yaml
+from dmfc.config.ranges import all_types, fault
 from dmfc.config.schema import Config
 from dmfc.errors import DmfcError, unknown_name
 
+T = TypeVar("T")
 LIKE = 0.7
 """Least likeness (0 to 1) of a key that is offered instead of an unknown one."""
 
@@ -35,23 +37,76 @@ def load_config(preset: str | None = None, overrides: Sequence[str] = ()) -> Con
 
 
 def build_config(overlays: Iterable[Overlay], base: Config | None = None) -> Config:
-    """The defaults, or `base`, with each overlay merged over them in order."""
-    trees = [(where, open_tree(values, where)) for where, values in overlays]
-    start = _schema() if base is None else OmegaConf.structured(base)
+    """The defaults, or `base`, with each overlay laid over them in order.
+
+    Raises DmfcError on an unknown key (naming the nearest), a wrong type, or a value out of its
+    range; the error names the overlay and the key.
+    """
+    config = Config() if base is None else base
+    values: dict[str, Any] = {}
+    for where, given in overlays:
+        values |= checked(given, where, config, values)
     try:
-        merged = OmegaConf.merge(start, *(tree for _, tree in trees))
-    except (OmegaConfBaseException, TypeError):
-        raise _culprit(trees) from None
-    try:
-        return typing.cast(Config, OmegaConf.to_object(merged))
-    except (OmegaConfBaseException, ValueError, TypeError) as error:
-        raise _one_line(error, "settings", {}) from error
+        return _replaced(config, values, "")
+    except ValueError as error:
+        raise DmfcError(f"settings: {error}") from error
+
+
+def checked(
+    given: Mapping[str, Any],
+    where: str,
+    base: Config | None = None,
+    over: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """The settings of an overlay by dotted key, each of its type and in its range.
+
+    Raises DmfcError as `build_config`. A mapping is laid over that of `over`, or else of `base`.
+    """
+    base, over = base or Config(), over or {}
+    return {
+        key: _converted(key, raw, over[key] if key in over else value_of(base, key), where)
+        for key, raw in leaves(open_tree(given, where))
+    }
+
+
+def value_of(config: Config, key: str) -> Any:
+    """The value of a dotted key."""
+    value: Any = config
+    for name in key.split("."):
+        value = getattr(value, name)
+    return value
+
+
+def _replaced(group: T, values: Mapping[str, Any], prefix: str) -> T:
+    """A group of settings with those of `values`, by dotted key, that lie in it."""
+    changed = {}
+    for field in dataclasses.fields(group):  # type: ignore[arg-type]
+        key = prefix + field.name
+        if key in values:
+            changed[field.name] = values[key]
+        elif any(name.startswith(f"{key}.") for name in values):
+            changed[field.name] = _replaced(getattr(group, field.name), values, f"{key}.")
+    return dataclasses.replace(group, **changed)  # type: ignore[type-var]
 
 
 @cache
-def _schema() -> DictConfig:
-    """The defaults as OmegaConf has them; making them takes longer than all the rest."""
-    return OmegaConf.structured(Config)
+def _holder(key: str) -> type:
+    """A class of one field, `value`, that OmegaConf converts as it would the setting."""
+    return dataclasses.make_dataclass("Holder", [("value", all_types()[key])])
+
+
+def _converted(key: str, raw: Any, current: Any, where: str) -> Any:
+    """A value as the type of its setting; a mapping is laid over the `current` one."""
+    holder = OmegaConf.structured(_holder(key)(current))
+    try:
+        merged = OmegaConf.merge(holder, {"value": raw})
+        value = typing.cast(dict[str, Any], OmegaConf.to_container(merged, resolve=True))["value"]
+    except (OmegaConfBaseException, TypeError, ValueError, OverflowError) as error:
+        raise _one_line(error, where, key, raw) from error
+    wrong = fault(key, raw, value)
+    if wrong:
+        raise DmfcError(f"{where}: {key} {wrong}")
+    return value
 
 
 def parse_override(text: str) -> Overlay:
@@ -105,19 +160,10 @@ def _shipped_folder(folder: str) -> Path:
 @cache
 def all_keys() -> dict[str, type | None]:
     """Every dotted key of the settings, and its settings class (None for a single value)."""
-    keys: dict[str, type | None] = {}
-
-    def walk(cls: type, prefix: str) -> None:
-        hints = typing.get_type_hints(cls)
-        for field in dataclasses.fields(cls):
-            kind = hints[field.name]
-            group = kind if dataclasses.is_dataclass(kind) else None
-            keys[prefix + field.name] = typing.cast("type | None", group)
-            if group is not None:
-                walk(typing.cast(type, group), f"{prefix}{field.name}.")
-
-    walk(Config, "")
-    return keys
+    return {
+        key: typing.cast(type, kind) if dataclasses.is_dataclass(kind) else None
+        for key, kind in all_types().items()
+    }
 
 
 def nearest_key(key: str, choices: Iterable[str]) -> str | None:
@@ -156,6 +202,16 @@ def open_tree(values: Mapping[str, Any], where: str) -> dict[str, Any]:
     return root
 
 
+def leaves(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Each setting of a tree of groups with its value, by its dotted key."""
+    for name, value in tree.items():
+        key = f"{prefix}{name}"
+        if all_keys()[key] is None:
+            yield key, value
+        else:
+            yield from leaves(value, f"{key}.")
+
+
 def _assign(root: dict[str, Any], key: str, value: Any, where: str) -> None:
     *groups, last = key.split(".")
     for group in groups:
@@ -165,23 +221,10 @@ def _assign(root: dict[str, Any], key: str, value: Any, where: str) -> None:
     root[last] = value
 
 
-def _culprit(trees: Sequence[tuple[str, dict[str, Any]]]) -> DmfcError:
-    """The error of the first overlay that cannot be merged by itself."""
-    for where, tree in trees:
-        try:
-            OmegaConf.merge(_schema(), tree)
-        except (OmegaConfBaseException, TypeError) as error:
-            return _one_line(error, where, tree)
-    return DmfcError("the settings contradict each other")
-
-
-def _one_line(error: Exception, where: str, tree: dict[str, Any]) -> DmfcError:
+def _one_line(error: Exception, where: str, key: str, raw: Any) -> DmfcError:
     """OmegaConf's several lines as one, with the key and what the key wants."""
-    key = str(getattr(error, "full_key", None) or "")
+    place = str(getattr(error, "full_key", None) or "value").removeprefix("value")
     message = str(error).splitlines()[0].rstrip(".")
-    if "AnyNode is not a ListConfig" in message:
-        value: Any = tree
-        for part in key.split("."):
-            value = value.get(part) if isinstance(value, Mapping) else None
-        message = f"wants a list such as [a, b], not {value!r}"
-    return DmfcError(f"{where}: {key}: {message}" if key else f"{where}: {message}")
+    if typing.get_origin(all_types()[key]) is list and not isinstance(raw, list):
+        message = f"wants a list such as [a, b], not {raw!r}"
+    return DmfcError(f"{where}: {key}{place}: {message}")

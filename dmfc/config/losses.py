@@ -7,32 +7,64 @@ from typing import Literal
 
 from dmfc.config.setting import setting
 
+HEAVIEST = 1e6
+"""Greatest weight of a term."""
+
 
 @dataclass(frozen=True)
 class LossWeights:
-    """w1 to w5 of the paper; a term with weight 0 is not computed."""
+    """Weights of the terms, w1 to w5 of the paper; a term of weight 0 is not computed."""
 
-    chamfer: float = setting(1.0, "w1")
-    collision: float = setting(1.0, "w2")
-    guidance: float = setting(1.0, "w3")
-    q1_upper: float = setting(0.0, "w4")
-    confidence: float = setting(1.0, "w5, weight of -log c")
-    q1_lower: float = setting(0.0, "weight of exp(-lower bound of Q1); not a term of the paper")
+    chamfer: float = setting(
+        1.0, "w1: distance to the label, in grasp space.", least=0, greatest=HEAVIEST
+    )
+    collision: float = setting(
+        1.0, "w2: penetration of hand and objects.", least=0, greatest=HEAVIEST
+    )
+    guidance: float = setting(
+        1.0,
+        "w3: distance of the hand's inner points from the object.",
+        least=0,
+        greatest=HEAVIEST,
+    )
+    q1_upper: float = setting(
+        0.0, "w4: upper bound of the grasp quality Q1.", least=0, greatest=HEAVIEST
+    )
+    confidence: float = setting(1.0, "w5: -log of the confidence.", least=0, greatest=HEAVIEST)
+    q1_lower: float = setting(
+        0.0,
+        "Weight of exp(-lower bound of Q1), which is not a term of the paper.",
+        least=0,
+        greatest=HEAVIEST,
+    )
 
 
 @dataclass(frozen=True)
 class Q1Config:
     directions: Literal[64, 728, 4032] = setting(
-        64, "directions on the 6-D sphere; more than 64 include nearly pure torques"
+        64, "Directions on the 6-D sphere. More than 64 include nearly pure torques."
     )
-    friction: float = setting(0.7, "friction coefficient mu of the cones")
-    alpha: float = setting(60.0, "1/m; weight exp(-alpha |d|) of hand points off the surface")
-    torque_weight: float = setting(1e-2, "1/m; torque entries of the metric M")
-    support: Literal["exact", "published"] = setting(
-        "exact", "support function of the friction cone"
+    friction: float = setting(
+        0.7, "Friction coefficient of the friction cones.", least=0, greatest=10
+    )
+    alpha: float = setting(
+        60.0,
+        "Decay of a hand point's weight, exp(-alpha |d|), with its distance d from the surface.",
+        unit="1/m",
+        least=0,
+        greatest=100_000,
+    )
+    torque_weight: float = setting(
+        1e-2,
+        "Weight of torques beside forces (the metric M).",
+        unit="1/m",
+        least=0,
+        greatest=100_000,
     )
     floor: bool = setting(
-        True, "a contact may also press less, so Q is at least 0; false keeps a gradient below 0"
+        True,
+        "A contact may press less than its full force, so that Q1 is at least 0. False keeps a "
+        "gradient below 0.",
     )
 
 
@@ -40,54 +72,61 @@ class Q1Config:
 class Q1LowerConfig:
     """What the lower bound of Q1 adds to `Q1Config`, whose metric and cones it shares."""
 
-    contacts: int = setting(12, "contacts of the largest weights that are counted; 0: all")
-    edges: int = setting(6, "edges of the pyramid inside each friction cone")
-
-    def __post_init__(self) -> None:
-        """Raises ValueError for a pyramid without volume."""
-        if self.edges < 3 or self.contacts < 0:
-            raise ValueError("losses.q1_lower: edges must be at least 3, contacts not negative")
+    contacts: int = setting(
+        12,
+        "Number of contacts that count, those of the largest weights; 0: all.",
+        least=0,
+        greatest=10_000,
+    )
+    edges: int = setting(6, "Edges of the pyramid inside each friction cone.", least=3, greatest=64)
 
 
 @dataclass(frozen=True)
 class GraspSpace:
-    """The 27-D space in which chamfer measures distances."""
+    """The space of position, rotation and joint angles in which chamfer measures distances."""
 
-    length_unit: float = setting(0.1, "metres per unit of the palm's position")
-    joint_weight: float = setting(1.0, "weight of the squared differences of joint angles")
-
-    def __post_init__(self) -> None:
-        """Raises ValueError for a unit of no length or a negative weight."""
-        if self.length_unit <= 0 or self.joint_weight < 0:
-            raise ValueError(
-                "losses.grasp_space: length_unit must be positive, joint_weight not negative"
-            )
+    length_unit: float = setting(
+        0.1, "Length that counts as 1 in the palm's position.", unit="m", least=1e-4, greatest=100
+    )
+    joint_weight: float = setting(
+        1.0, "Weight of the squared differences of joint angles.", least=0, greatest=HEAVIEST
+    )
 
 
 @dataclass(frozen=True)
 class LengthUnits:
-    """Metres per unit of length. The paper names none; these make each term of the order of 1."""
+    """Length that counts as 1 in each term. The paper names none."""
 
-    collision: float = setting(1e-4, "of collision, a mean over all points and meshes")
-    guidance: float = setting(0.1, "of guidance, a sum over the inner points")
-
-    def __post_init__(self) -> None:
-        """Raises ValueError for a unit of no length."""
-        if min(self.collision, self.guidance) <= 0:
-            raise ValueError("losses.units: collision and guidance must be positive")
+    collision: float = setting(
+        1e-4,
+        "Unit of collision, which is a mean over all points and meshes.",
+        unit="m",
+        least=1e-7,
+        greatest=100,
+    )
+    guidance: float = setting(
+        0.1,
+        "Unit of guidance, which is a sum over the inner points.",
+        unit="m",
+        least=1e-7,
+        greatest=100,
+    )
 
 
 @dataclass(frozen=True)
 class LossConfig:
-    weights: LossWeights = setting(LossWeights, "weights of the terms")
-    grasp_space: GraspSpace = setting(GraspSpace, "the space of chamfer")
-    clamp: Literal["hard", "straight_through", "soft"] = setting(
-        "hard", "gradient of the clamp to joint limits"
+    weights: LossWeights = setting(LossWeights, "Weights of the terms.")
+    grasp_space: GraspSpace = setting(GraspSpace, "The space in which chamfer measures.")
+    units: LengthUnits = setting(LengthUnits, "Units of length of collision and guidance.")
+    self_collision: bool = setting(
+        True, "The collision term also counts penetration of the hand's own links."
     )
-    units: LengthUnits = setting(LengthUnits, "units of length of the terms in squared lengths")
-    self_collision: bool = setting(True, "count the hand's own links among the meshes of collision")
-    q1: Q1Config = setting(Q1Config, "the Q1 metric")
-    q1_lower: Q1LowerConfig = setting(Q1LowerConfig, "its lower bound")
+    q1: Q1Config = setting(Q1Config, "The grasp quality Q1.")
+    q1_lower: Q1LowerConfig = setting(Q1LowerConfig, "The lower bound of Q1.")
     own: dict[str, float] = setting(
-        {}, "weights of terms of your own: {my_losses.py:function: 1}", later=True
+        {},
+        "Weights of custom loss terms, each a function in a file: {my_losses.py:function: 1}.",
+        least=-HEAVIEST,
+        greatest=HEAVIEST,
+        later=True,
     )

@@ -7,35 +7,64 @@ from typing import Literal
 
 from dmfc.config.setting import setting
 
+WIDEST = 16_384
+"""Most features of a layer."""
+
 
 @dataclass(frozen=True)
 class NetworkConfig:
     levels: list[int] = setting(
-        [512, 128, 32], "points after each set abstraction (a global one follows); the first: seeds"
+        [512, 128, 32],
+        "Points left by each set abstraction; a global abstraction follows. The first number is "
+        "the number of seed points, each with one predicted grasp.",
+        least=1,
+        greatest=16_384,
     )
-    radii: list[float] = setting([0.02, 0.04, 0.08], "ball radius of each set abstraction, metres")
-    neighbours: list[int] = setting([32, 64, 64], "points per ball")
+    radii: list[float] = setting(
+        [0.02, 0.04, 0.08],
+        "Ball radius of each set abstraction.",
+        unit="m",
+        least=1e-4,
+        greatest=10,
+    )
+    neighbours: list[int] = setting(
+        [32, 64, 64], "Points per ball of each set abstraction.", least=1, greatest=1024
+    )
     abstraction: list[list[int]] = setting(
-        [[64, 64, 128], [128, 128, 256], [256, 256, 512]], "layer widths of each set abstraction"
+        [[64, 64, 128], [128, 128, 256], [256, 256, 512]],
+        "Layer widths of each set abstraction.",
+        least=1,
+        greatest=WIDEST,
     )
-    global_widths: list[int] = setting([256, 512, 1024], "layer widths of the global abstraction")
+    global_widths: list[int] = setting(
+        [256, 512, 1024], "Layer widths of the global abstraction.", least=1, greatest=WIDEST
+    )
     propagation: list[list[int]] = setting(
         [[256, 256], [256, 128], [128, 128]],
-        "layer widths of each feature propagation, coarsest first; a layer of `features` ends it",
+        "Layer widths of each feature propagation, the coarsest first. A layer of `features` "
+        "follows the last one.",
+        least=1,
+        greatest=WIDEST,
     )
-    features: int = setting(128, "features per seed point")
-    width: int = setting(128, "hidden width of the heads")
+    features: int = setting(128, "Features per seed point.", least=1, greatest=WIDEST)
+    width: int = setting(128, "Hidden width of the heads.", least=1, greatest=WIDEST)
     height_feature: bool = setting(
-        False, "give each point its height above the table as input (the paper: positions only)"
+        False,
+        "Give each point its height above the table as an input. The paper uses positions alone.",
     )
 
     offset_to: Literal["origin", "grasp"] = setting(
         "origin",
-        "point of the hand that offsets lead to: the palm's origin, at the wrist, or `offset_ahead`"
-        " of the palm, where the object is: then an error in rotation moves the fingers less",
+        "Point of the hand to which the predicted offset leads. 'origin': the palm's origin, at "
+        "the wrist; 'grasp': the grasp centre, `offset_ahead` of the palm. An error in rotation "
+        "displaces the fingers less with 'grasp'.",
     )
     offset_ahead: float = setting(
-        0.04, "metres along the palm normal, from the palm's inner surface, of that point"
+        0.04,
+        "Distance of the grasp centre from the palm's inner surface, along the palm normal.",
+        unit="m",
+        least=-0.2,
+        greatest=0.2,
     )
 
     def __post_init__(self) -> None:

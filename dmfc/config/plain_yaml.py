@@ -12,11 +12,35 @@ from typing import Any
 
 import yaml
 
-from dmfc.errors import DmfcError
+from dmfc.errors import DmfcError, first_line
+
+DEEPEST = 20
+"""Most levels of lists and mappings inside each other."""
+MOST = 50_000
+"""Most values of one text, those that an alias repeats counted again."""
 
 
 class _PlainLoader(yaml.SafeLoader):
-    """SafeLoader with the scalars of YAML 1.2 and without repeated keys."""
+    """SafeLoader with the scalars of YAML 1.2, without repeated keys, and with bounds."""
+
+    depth = 0
+    count = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        self.depth += 1
+        self.count += 1
+        if self.depth > DEEPEST:
+            raise DmfcError(f"more than {DEEPEST} levels of nesting")
+        _check_count(self.count)
+        node = super().compose_node(parent, index)
+        self.depth -= 1
+        return node
+
+    def get_single_node(self) -> yaml.Node | None:
+        node = super().get_single_node()
+        if node is not None:
+            _check_count(_size(node, {}))
+        return node
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         seen: dict[str, int] = {}
@@ -26,6 +50,26 @@ class _PlainLoader(yaml.SafeLoader):
                 raise DmfcError(f"'{key}' is given twice, on lines {seen[key]} and {line}")
             seen[key] = line
         return super().construct_mapping(node, deep)
+
+
+def _check_count(count: int) -> None:
+    if count > MOST:
+        raise DmfcError(f"more than {MOST:,} values")
+
+
+def _size(node: yaml.Node, known: dict[int, int]) -> int:
+    """Number of values in `node`. Raises DmfcError where it contains itself."""
+    if known.get(id(node)) == 0:
+        raise DmfcError("an alias stands inside what it repeats")
+    if id(node) not in known:
+        known[id(node)] = 0  # until it is known
+        children: list[yaml.Node] = []
+        if isinstance(node, yaml.SequenceNode):
+            children = node.value
+        elif isinstance(node, yaml.MappingNode):
+            children = [child for pair in node.value for child in pair]
+        known[id(node)] = 1 + sum(_size(child, known) for child in children)
+    return known[id(node)]
 
 
 _PlainLoader.yaml_implicit_resolvers = {}
@@ -51,8 +95,10 @@ def parse_yaml(text: str, where: str) -> Any:
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line = f" on line {mark.line + 1}" if mark else ""
-        problem = getattr(error, "problem", None) or str(error).splitlines()[0]
+        problem = getattr(error, "problem", None) or first_line(error)
         raise DmfcError(f"{where}: not valid YAML{line}: {problem}") from error
+    except (ValueError, TypeError, AttributeError) as error:  # of a value with a tag: !!int abc
+        raise DmfcError(f"{where}: not valid YAML: {' '.join(str(error).split())}") from error
 
 
 def read_yaml(path: Path) -> Any:

@@ -6,10 +6,7 @@ can be laid under another protocol.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import Any
-
-from dmfc.config.load import build_config, open_tree, shipped_file
+from dmfc.config.load import build_config, leaves, open_tree, shipped_file
 from dmfc.config.plain_yaml import read_yaml
 from dmfc.config.schema import Config
 from dmfc.errors import DmfcError
@@ -31,7 +28,7 @@ def executed(config: Config) -> Config:
         ("execution.changes", config.execution.changes),
     ]
     for where, values in overlays:
-        for key in _dotted(open_tree(values, where)):
+        for key, _ in leaves(open_tree(values, where)):
             counted = key in {f"execution.{name}" for name in COUNTED}
             if counted or not key.startswith(GROUPS):
                 raise DmfcError(
@@ -39,11 +36,3 @@ def executed(config: Config) -> Config:
                     f"(physics.*, hand.opening, hand.squeeze, most of execution.*)"
                 )
     return build_config(overlays, config)
-
-
-def _dotted(tree: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
-    for name, value in tree.items():
-        if isinstance(value, Mapping):
-            yield from _dotted(value, f"{prefix}{name}.")
-        else:
-            yield f"{prefix}{name}"

@@ -5,46 +5,72 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from dmfc.config.setting import setting
+from dmfc.config.setting import GREATEST_SEED, setting
+
+NOISE = "Standard deviation of depth, along the camera's ray."
+DROPPED = "Share of the points that are lost; other points are repeated in their place."
+CAMERA_SHIFT = "Standard deviation of each camera's assumed position, along each axis."
+CAMERA_TURN = "Standard deviation of each camera's assumed orientation, about each axis."
 
 
 @dataclass(frozen=True)
 class SensorConfig:
     """Errors of the depth cameras. All zero: exact depth, from where the cameras stand."""
 
-    noise: float = setting(0.0, "metres; standard deviation of depth, along the camera's ray")
-    dropped: float = setting(0.0, "fraction of the points that are lost (others are repeated)")
-    camera_shift: float = setting(
-        0.0, "metres; standard deviation along each axis of where a camera is thought to be"
-    )
-    camera_turn: float = setting(
-        0.0, "rad; standard deviation about each axis of how a camera is thought to be turned"
-    )
+    noise: float = setting(0.0, NOISE, unit="m", least=0, greatest=0.1)
+    dropped: float = setting(0.0, DROPPED, least=0, greatest=0.99)
+    camera_shift: float = setting(0.0, CAMERA_SHIFT, unit="m", least=0, greatest=0.1)
+    camera_turn: float = setting(0.0, CAMERA_TURN, unit="rad", least=0, greatest=1)
 
 
 @dataclass(frozen=True)
 class SceneSetConfig:
     kind: Literal["single", "single_standard", "multi"] = setting(
-        "single", "one object in random stable pose, one in standard pose, or several"
+        "single",
+        "'single': one object in a random stable pose; 'single_standard': one in its standard "
+        "pose; 'multi': several objects.",
     )
-    count: int = setting(1000, "number of scenes")
-    min_objects: int = setting(3, "fewest objects of a multi scene")
-    max_objects: int = setting(5, "most objects of a multi scene")
-    seed: int = setting(0, "seed of the set; scene i depends on (seed, i) alone")
+    count: int = setting(1000, "Number of scenes.", least=1, greatest=1_000_000)
+    min_objects: int = setting(3, "Fewest objects of a multi scene.", least=1, greatest=100)
+    max_objects: int = setting(5, "Most objects of a multi scene.", least=1, greatest=100)
+    seed: int = setting(
+        0,
+        "Seed of the set. A scene depends on this seed and on its own number alone.",
+        least=0,
+        greatest=GREATEST_SEED,
+    )
     sensor: SensorConfig = setting(
-        SensorConfig, "errors of the cameras that are in the clouds of the set once and for all"
+        SensorConfig, "Errors of the cameras, fixed in the clouds of the set."
     )
 
 
 @dataclass(frozen=True)
 class CameraConfig:
-    renderer: Literal["auto", "mujoco", "embree"] = setting("auto", "depth renderer")
-    width: int = setting(480, "pixels")
-    height: int = setting(360, "pixels")
-    fov_y: float = setting(0.7, "vertical field of view, rad")
-    distance: float = setting(0.7, "distance of each camera from what it looks at, metres")
-    elevation: float = setting(0.6, "elevation of each camera above the table plane, rad")
-    target_height: float = setting(0.04, "height above the table centre that all look at, metres")
+    renderer: Literal["auto", "mujoco", "embree"] = setting("auto", "Renderer of depth images.")
+    width: int = setting(480, "Width of an image.", unit="pixels", least=8, greatest=8192)
+    height: int = setting(360, "Height of an image.", unit="pixels", least=8, greatest=8192)
+    fov_y: float = setting(0.7, "Vertical field of view.", unit="rad", least=0.05, greatest=2.8)
+    distance: float = setting(
+        0.7,
+        "Distance of each camera from the point that it looks at.",
+        unit="m",
+        least=0.05,
+        greatest=10,
+    )
+    elevation: float = setting(
+        0.6,
+        "Elevation of each camera above the table plane.",
+        unit="rad",
+        least=0.01,
+        greatest=1.57,
+    )
+    target_height: float = setting(
+        0.04,
+        "Height above the table's centre of the point that all cameras look at.",
+        unit="m",
+        least=-1,
+        greatest=2,
+    )
 
 
 @dataclass(frozen=True)
@@ -53,28 +79,49 @@ class MatchingConfig:
 
     mode: Literal["patch", "projected", "literal"] = setting(
         "patch",
-        "'patch': the nearest points under the palm; 'projected': those near the palm reference "
-        "projected along the palm normal; 'literal': as printed (see docs/matching.md)",
+        "Points that get a grasp as their label. 'patch': the nearest points under the palm; "
+        "'projected': points near the palm reference, projected along the palm normal; 'literal': "
+        "as the paper prints it (see docs/matching.md).",
     )
-    distance: float = setting(0.005, "d_t of the paper, metres; not of 'patch'")
-    share: float = setting(0.1, "share of the object's points in a grasp's patch (at least one)")
-    reach: float = setting(0.03, "farthest point of a patch from the palm's axis, metres")
+    distance: float = setting(
+        0.005,
+        "Greatest distance of a point from the palm reference, the paper's d_t. Not used by "
+        "'patch'.",
+        unit="m",
+        least=0,
+        greatest=1,
+    )
+    share: float = setting(
+        0.1,
+        "Share of the object's points in a grasp's patch, at least one point.",
+        least=0,
+        greatest=1,
+    )
+    reach: float = setting(
+        0.03,
+        "Greatest distance of a patch's points from the palm's axis.",
+        unit="m",
+        least=0,
+        greatest=1,
+    )
 
 
 @dataclass(frozen=True)
 class AugmentationConfig(SensorConfig):
-    """What the loader does to a training scene, anew in every epoch; test scenes are left alone."""
+    """Random changes of a training scene in every epoch; test scenes are not changed."""
 
-    yaw: bool = setting(True, "turn the scene about the vertical by any angle")
-    shift: float = setting(0.02, "metres; the scene is moved along x and y by up to this")
-    noise: float = setting(0.001, "metres; standard deviation of depth, along the camera's ray")
-    dropped: float = setting(0.05, "fraction of the points that are lost (others are repeated)")
-    camera_shift: float = setting(
-        0.001, "metres; standard deviation along each axis of where a camera is thought to be"
+    yaw: bool = setting(True, "Turn the scene about the vertical by a random angle.")
+    shift: float = setting(
+        0.02,
+        "Move the scene along x and y by a random distance up to this.",
+        unit="m",
+        least=0,
+        greatest=0.5,
     )
-    camera_turn: float = setting(
-        0.002, "rad; standard deviation about each axis of how a camera is thought to be turned"
-    )
+    noise: float = setting(0.001, NOISE, unit="m", least=0, greatest=0.1)
+    dropped: float = setting(0.05, DROPPED, least=0, greatest=0.99)
+    camera_shift: float = setting(0.001, CAMERA_SHIFT, unit="m", least=0, greatest=0.1)
+    camera_turn: float = setting(0.002, CAMERA_TURN, unit="rad", least=0, greatest=1)
 
     @property
     def nothing(self) -> bool:
@@ -85,23 +132,46 @@ class AugmentationConfig(SensorConfig):
 
 @dataclass(frozen=True)
 class ScenesConfig:
-    train: SceneSetConfig = setting(SceneSetConfig, "training scenes")
-    test: SceneSetConfig = setting(SceneSetConfig(count=100, seed=1), "test scenes")
-    cameras: CameraConfig = setting(CameraConfig, "the four depth cameras, one per side")
-    depth: Literal["rebuild", "keep"] = setting(
-        "rebuild",
-        "depth images: rendered anew when they are shown, or kept with the scenes; then training "
-        "draws the points of a cloud anew from them in every epoch",
+    train: SceneSetConfig = setting(SceneSetConfig, "Training scenes.")
+    test: SceneSetConfig = setting(SceneSetConfig(count=100, seed=1), "Test scenes.")
+    cameras: CameraConfig = setting(CameraConfig, "The four depth cameras, one per side.")
+    points: int = setting(2048, "Points of the fused cloud.", least=128, greatest=1_000_000)
+    table_size: float = setting(
+        0.8,
+        "Side of the square table top. Its surface is z = 0.",
+        unit="m",
+        least=0.05,
+        greatest=10,
     )
-    points: int = setting(2048, "points of the fused cloud")
-    table_size: float = setting(0.8, "side of the square table top, metres; its surface is z = 0")
     spawn_radius: float = setting(
-        0.15, "object centres are placed this near to the table centre, metres (if there is room)"
+        0.15,
+        "Object centres are placed within this distance of the table's centre, if there is room.",
+        unit="m",
+        least=0,
+        greatest=5,
     )
-    place_attempts: int = setting(200, "places tried per object before a scene is given up")
-    max_grasps: int = setting(256, "ground-truth grasps kept per object of a scene (best first)")
-    shard_size: int = setting(25, "scenes per shard; a shard is one stage")
+    place_attempts: int = setting(
+        200,
+        "Places tried for an object before a scene is given up.",
+        least=1,
+        greatest=100_000,
+    )
+    max_grasps: int = setting(
+        256,
+        "Most ground-truth grasps per object of a scene, the most robust first.",
+        least=1,
+        greatest=100_000,
+    )
+    shard_size: int = setting(
+        25, "Scenes per shard. A shard is one stage.", least=1, greatest=100_000
+    )
     clearance: float = setting(
-        0.0, "penetration of the hand into table or neighbours allowed for labels, metres"
+        0.0,
+        "Penetration of the hand into table or neighbours that is allowed for labels.",
+        unit="m",
+        least=-0.1,
+        greatest=0.1,
     )
-    augmentation: AugmentationConfig = setting(AugmentationConfig, "augmentation in training")
+    augmentation: AugmentationConfig = setting(
+        AugmentationConfig, "Augmentation of training scenes."
+    )

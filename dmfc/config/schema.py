@@ -20,15 +20,35 @@ from dmfc.config.validation import ValidationConfig
 
 @dataclass(frozen=True)
 class Config:
-    hand: HandConfig = setting(HandConfig, "the hand")
-    objects: ObjectsConfig = setting(ObjectsConfig, "objects and their preparation")
-    physics: PhysicsConfig = setting(PhysicsConfig, "simulated physics")
-    grasps: GraspsConfig = setting(GraspsConfig, "the planner of ground-truth grasps")
-    scenes: ScenesConfig = setting(ScenesConfig, "scenes and cameras")
-    matching: MatchingConfig = setting(MatchingConfig, "label matching")
-    network: NetworkConfig = setting(NetworkConfig, "the network")
-    losses: LossConfig = setting(LossConfig, "losses and their weights")
-    training: TrainingConfig = setting(TrainingConfig, "the two-stage schedule")
-    validation: ValidationConfig = setting(ValidationConfig, "validation on held-out objects")
-    execution: ExecutionConfig = setting(ExecutionConfig, "execution in MuJoCo")
-    run: RunConfig = setting(RunConfig, "resources; never part of a stage's key")
+    hand: HandConfig = setting(HandConfig, "The hand.")
+    objects: ObjectsConfig = setting(ObjectsConfig, "Objects and their preparation.")
+    physics: PhysicsConfig = setting(PhysicsConfig, "Simulated physics.")
+    grasps: GraspsConfig = setting(GraspsConfig, "The planner of ground-truth grasps.")
+    scenes: ScenesConfig = setting(ScenesConfig, "Scenes and cameras.")
+    matching: MatchingConfig = setting(MatchingConfig, "Matching of labels to points.")
+    network: NetworkConfig = setting(NetworkConfig, "The network.")
+    losses: LossConfig = setting(LossConfig, "Losses and their weights.")
+    training: TrainingConfig = setting(TrainingConfig, "Training in two stages.")
+    validation: ValidationConfig = setting(ValidationConfig, "Validation on held-out objects.")
+    execution: ExecutionConfig = setting(ExecutionConfig, "Execution of grasps in MuJoCo.")
+    run: RunConfig = setting(RunConfig, "Resources, which never enter a stage's key.")
+
+    def __post_init__(self) -> None:
+        """Raises ValueError where settings of different groups contradict each other."""
+        sets = {
+            "scenes.train": self.scenes.train,
+            "scenes.test": self.scenes.test,
+            "validation.scenes": self.validation.scenes,
+        }
+        for name, scenes in sets.items():
+            if scenes.min_objects > scenes.max_objects:
+                raise ValueError(
+                    f"{name}.min_objects ({scenes.min_objects}) must not be above "
+                    f"{name}.max_objects ({scenes.max_objects})"
+                )
+        seeds = self.network.levels[0]
+        if seeds > self.scenes.points:
+            raise ValueError(
+                f"network.levels begins with {seeds} seed points, more than the "
+                f"{self.scenes.points} of scenes.points"
+            )

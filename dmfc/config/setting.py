@@ -1,4 +1,4 @@
-"""`setting`: a dataclass field that carries its own help text."""
+"""`setting`: a dataclass field that carries its own meaning, unit and range."""
 
 from __future__ import annotations
 
@@ -6,16 +6,40 @@ import copy
 import dataclasses
 from typing import Any
 
+GREATEST_SEED = 2**31 - 1
+"""What a seed may be at most."""
 
-def setting(default: Any, help: str, *, resource: bool = False, later: bool = False) -> Any:
+
+def setting(
+    default: Any,
+    help: str,
+    *,
+    unit: str = "",
+    least: float | None = None,
+    greatest: float | None = None,
+    length: int | None = None,
+    resource: bool = False,
+    later: bool = False,
+) -> Any:
     """A dataclass field with `default` (copied if mutable) and a sentence of help.
+
+    A number has a `unit` (empty: none), and lies between `least` and `greatest`, both allowed; of
+    a list or a mapping every number does. A list has `length` entries (None: any number).
 
     A `resource` setting says how something is computed, never what comes out (threads, devices):
     it never enters a stage's key. One that came `later` enters it only where it is not at its
     default, which must mean what was done before there was such a setting: old stages keep their
     keys.
     """
-    metadata = {"help": help, "resource": resource, "later": later}
+    metadata = {
+        "help": help,
+        "unit": unit,
+        "least": least,
+        "greatest": greatest,
+        "length": length,
+        "resource": resource,
+        "later": later,
+    }
     if isinstance(default, type):
         return dataclasses.field(default_factory=default, metadata=metadata)
     if isinstance(default, list | dict):
@@ -33,10 +57,14 @@ def is_resource(field: dataclasses.Field) -> bool:
     return bool(field.metadata.get("resource", False))
 
 
+def default_of(field: dataclasses.Field) -> Any:
+    """The default of `field`, as a value of its own."""
+    made = field.default_factory
+    return field.default if made is dataclasses.MISSING else made()
+
+
 def enters_key(field: dataclasses.Field, value: Any) -> bool:
     """Whether a stage's key depends on `field` where it has this value (see `setting`)."""
     if is_resource(field):
         return False
-    made = field.default_factory
-    default = field.default if made is dataclasses.MISSING else made()
-    return not (field.metadata.get("later", False) and value == default)
+    return not (field.metadata.get("later", False) and value == default_of(field))

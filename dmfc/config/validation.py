@@ -32,21 +32,46 @@ MEASURES = (
 @dataclass(frozen=True)
 class ValidationConfig:
     objects: list[str] = setting(
-        [], "objects held out of training, as selectors, with grasps of their own; empty: none"
+        [],
+        "Objects held out of training, as selectors, with scenes and grasps of their own; "
+        "empty: no validation.",
     )
-    scenes: SceneSetConfig = setting(SceneSetConfig(count=16, seed=2), "scenes of them")
-    every: int = setting(1, "epochs between two validations")
+    scenes: SceneSetConfig = setting(
+        SceneSetConfig(count=16, seed=2), "Scenes of the validation objects."
+    )
+    every: int = setting(1, "Epochs between two validations.", least=1, greatest=100_000)
     confident: int = setting(
-        16, "predictions of a scene, the most confident, whose penetration and Q1 are measured"
+        16,
+        "Number of predictions of a scene, the most confident ones, whose penetration and Q1 are "
+        "measured.",
+        least=1,
+        greatest=16_384,
     )
     sampled: int = setting(
-        32, "predictions of a scene, spread over its seeds, whose loss terms are measured"
+        32,
+        "Number of predictions of a scene, spread over its seed points, whose loss terms are "
+        "measured.",
+        least=1,
+        greatest=16_384,
     )
-    near_distance: float = setting(0.02, "a label is covered by a prediction this near, metres")
-    near_angle: float = setting(0.35, "and turned by at most this, rad")
-    torque_weight: float = setting(10.0, "1/m; torques in the measured Q1 (10: arms of 10 cm as 1)")
-
-    def __post_init__(self) -> None:
-        """Raises ValueError for a validation of nothing."""
-        if min(self.every, self.confident, self.sampled) < 1:
-            raise ValueError("validation: every, confident and sampled must be at least 1")
+    near_distance: float = setting(
+        0.02,
+        "A label is covered if a prediction is this near in position.",
+        unit="m",
+        least=0,
+        greatest=1,
+    )
+    near_angle: float = setting(
+        0.35,
+        "A label is covered if that prediction is turned by at most this.",
+        unit="rad",
+        least=0,
+        greatest=3.15,
+    )
+    torque_weight: float = setting(
+        10.0,
+        "Weight of torques in the measured Q1. At 10, a lever arm of 10 cm counts as 1.",
+        unit="1/m",
+        least=0,
+        greatest=100_000,
+    )

@@ -22,7 +22,7 @@ from pyarrow.fs import FileType
 from dmfc.engine.digest import RECORD, damage, folder_digests
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.store import identity_key, verify
-from dmfc.errors import DmfcError
+from dmfc.errors import DmfcError, first_line
 from dmfc.files.storage import located
 
 MANIFEST = "manifest.json"
@@ -66,7 +66,7 @@ def export_to(
         system, path = located(place)
         taken = system.get_file_info(path).type != FileType.NotFound
     except OSError as error:
-        raise DmfcError(f"{place} cannot be reached: {str(error).splitlines()[0]}") from error
+        raise DmfcError(f"{place} cannot be reached: {first_line(error)}") from error
     if taken:
         raise DmfcError(f"'{place}' is there already: remove it, or give another name")
     with _temporary(ledger, place) as local:
@@ -92,7 +92,7 @@ def _transfer(source: str, target: str) -> None:
         with system.open_input_stream(path) as given, other.open_output_stream(to) as taken:
             shutil.copyfileobj(given, taken, COPY_BYTES)
     except OSError as error:
-        line = str(error).splitlines()[0]
+        line = first_line(error)
         raise DmfcError(f"{source} was not copied to {target}: {line}") from error
 
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from dmfc.engine.kinds import Registry, kind_of
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.stage import Stage, differences, plain
 
@@ -12,7 +13,7 @@ SHOWN = 3
 """Differences named; of the rest the number alone."""
 
 
-def reasons(stages: Iterable[Stage], ledger: Ledger) -> dict[str, str]:
+def reasons(stages: Iterable[Stage], ledger: Ledger, kinds: Registry) -> dict[str, str]:
     """Why each stage that is not finished must run, by address; inputs come before their users.
 
     A stage's own settings come first ('losses.weights.collision 1.0 -> 2.0'); without a difference
@@ -25,13 +26,23 @@ def reasons(stages: Iterable[Stage], ledger: Ledger) -> dict[str, str]:
             continue
         if stage.kind not in records:
             records[stage.kind] = list(ledger.records(stage.kind))
-        told[stage.address] = _reason(stage, records[stage.kind], told)
+        identity = kind_of(stage.kind, kinds).identity
+        told[stage.address] = _reason(stage, identity, records[stage.kind], told)
     return told
 
 
-def _reason(stage: Stage, known: list[dict[str, Any]], told: Mapping[str, str]) -> str:
-    settings, place = plain(stage.config), _identity(plain(stage.config))
-    candidates = [record for record in known if _identity(record["config"]) == place]
+def _reason(
+    stage: Stage,
+    identity: Sequence[str],
+    known: Sequence[dict[str, Any]],
+    told: Mapping[str, str],
+) -> str:
+    settings = plain(stage.config)
+    candidates = [
+        record
+        for record in known
+        if all(record["config"].get(name) == settings.get(name) for name in identity)
+    ]
     if not candidates:
         return "never made"
     found = [_changes(stage, settings, record) for record in candidates]
@@ -54,8 +65,3 @@ def _changes(stage: Stage, settings: Any, record: Mapping[str, Any]) -> list[str
     version = record.get("stage_version")
     head = [] if version == stage.version else [f"code version {version} -> {stage.version}"]
     return head + list(differences(record["config"], settings))
-
-
-def _identity(settings: Mapping[str, Any]) -> tuple[Any, ...]:
-    """What makes two stages of one kind two things, not one thing at two settings."""
-    return tuple(settings.get(name) for name in ("object", "start", "row"))

@@ -34,6 +34,8 @@ class StageKind:
     cpus: Callable[[Config], int] = _one_cpu
     gpus: Callable[[Config], float] = _no_gpu
     may_fail: bool = False
+    identity: tuple[str, ...] = ()
+    """Settings that make two stages of this kind two things, not one thing at two settings."""
 
     def limits(self, config: Config) -> StageLimits:
         """The settings `run.<kind>`, with what the kind itself wants where they say nothing."""

@@ -11,6 +11,7 @@ from typing import Any, Protocol
 from dmfc.config.sweep import RunConfig
 from dmfc.engine.ray_cluster import Head, head_address, leave_ray_behind, start_ray, usable_cpus
 from dmfc.engine.worker import Job, Outcome, execute
+from dmfc.errors import first_line
 
 NODE_DEATHS = ("LocalRayletDiedError", "NodeDiedError", "RaySystemError")
 """Errors of Ray after which the cluster of one node that we started is gone."""
@@ -144,7 +145,7 @@ class RayPool:
         try:
             return self._ray.get(ref)
         except self._ray.exceptions.RayError as error:
-            reason = str(error).strip().splitlines()[0]
+            reason = first_line(error)
             deaths = DRIVER_NODE_DEATHS if self._run.ray_address else NODE_DEATHS
             self._broken = self._broken or type(error).__name__ in deaths
             return Outcome("died", reason=f"its worker died ({type(error).__name__}: {reason})")

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from dmfc.engine.context import read_attempt, read_progress
 from dmfc.engine.ledger import Ledger
@@ -26,19 +25,19 @@ class Running:
     message: str
 
 
-def counts(ledger: Ledger, sweep: Mapping[str, Any]) -> dict[str, tuple[int, int]]:
-    """Finished and all stages of a sweep by kind."""
+def counts(ledger: Ledger, stages: Iterable[str]) -> dict[str, tuple[int, int]]:
+    """Finished and all stages by kind, of those at the given addresses."""
     total, done = Counter[str](), Counter[str]()
-    for address in sweep["stages"]:
+    for address in stages:
         kind = address.partition("/")[0]
         total[kind] += 1
         done[kind] += ledger.finished(address)
     return {kind: (done[kind], total[kind]) for kind in total}
 
 
-def running(ledger: Ledger, sweep: Mapping[str, Any]) -> Iterator[Running]:
-    """The stages of a sweep that are being run: begun, not finished, their lock held."""
-    for address, name in sweep["stages"].items():
+def running(ledger: Ledger, stages: Mapping[str, str]) -> Iterator[Running]:
+    """Those of the stages (address -> name) that are being run: begun, not finished, locked."""
+    for address, name in stages.items():
         told = read_attempt(ledger.work(address))
         if not told or ledger.finished(address):
             continue

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 import time
 from collections.abc import Iterable, Iterator
@@ -101,13 +100,9 @@ def identity_key(record: dict[str, Any]) -> str:
     return key_of(record["kind"], record["stage_version"], record["config"], record["inputs"])
 
 
-def referred(ledger: Ledger, sweep_ids: Iterable[str]) -> set[str]:
-    """The addresses of all finished stages that those sweeps are made of, inputs of inputs too."""
-    stack: list[str] = []
-    for sweep_id in sweep_ids:
-        path = ledger.store / "sweeps" / sweep_id / "sweep.json"
-        for cell in json.loads(path.read_text())["cells"]:
-            stack += [a for a in (cell["model"], *cell["evaluations"]) if a]
+def referred(ledger: Ledger, addresses: Iterable[str]) -> set[str]:
+    """The addresses of those stages and of their inputs, inputs of inputs too, if finished."""
+    stack = list(addresses)
     found: set[str] = set()
     while stack:
         address = stack.pop()
@@ -122,7 +117,7 @@ def referred(ledger: Ledger, sweep_ids: Iterable[str]) -> set[str]:
 def prunable(
     ledger: Ledger, keep: Iterable[str], older_than_days: float = 0.0, failed: bool = False
 ) -> list[Entry]:
-    """Stages that none of the sweeps `keep` refers to, and that are older than so many days.
+    """Stages that no stage at the addresses `keep` needs, and that are older than so many days.
 
     With `failed`, all kept failures instead, so that the next call tries them again.
     """

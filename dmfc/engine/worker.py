@@ -20,7 +20,7 @@ from dmfc.engine.context import StageContext, tell_attempt
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.stage import plain
 from dmfc.engine.system import keep_samples, sampled
-from dmfc.errors import DmfcError, masked
+from dmfc.errors import DmfcError, first_line, masked
 
 ERROR_LOG = "error.txt"
 
@@ -108,7 +108,7 @@ def _attempt(job: Job, ledger: Ledger, out: Path) -> Outcome:
     except Exception as error:
         if not job.may_fail:
             raise
-        seconds, reason = time.perf_counter() - clock, _one_line(error)
+        seconds, reason = time.perf_counter() - clock, _reason(error)
         ledger.commit_failure(job.address, _record(job, started, seconds), reason)
         return Outcome("failed", reason, seconds, kept=True)
     keep_samples(work, out)
@@ -173,10 +173,10 @@ def _explain(error: Exception, work: Path) -> str:
         (work / ERROR_LOG).write_text("".join(traceback.format_exception(error)))
     except OSError as unwritten:
         return f"{type(error).__name__}: {error} (traceback not written: {unwritten.strerror})"
-    line = _one_line(error)
+    line = _reason(error)
     return line if isinstance(error, DmfcError) else f"{line} (traceback: {work / ERROR_LOG})"
 
 
-def _one_line(error: Exception) -> str:
-    line = masked((str(error).strip().splitlines() or [""])[0])
-    return line if isinstance(error, DmfcError) else f"{type(error).__name__}: {line}"
+def _reason(error: Exception) -> str:
+    line, kind = masked(first_line(error)), type(error).__name__
+    return line if isinstance(error, DmfcError) or line == kind else f"{kind}: {line}"

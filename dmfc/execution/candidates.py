@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from dmfc.config.execution import ExecutionConfig
 from dmfc.geometry.points import farthest_points
 from dmfc.grasps.grasp_set import GraspSet
+from dmfc.grasps.grasps import Grasps
 from dmfc.hand.model import HandModel
 from dmfc.network.inference import PredictedGrasps
 from dmfc.scenes.scene_grasps import grasps_in_scene
@@ -18,31 +19,13 @@ from dmfc.scenes.scene_set import Scene
 
 
 @dataclass(frozen=True)
-class GraspCandidates:
-    """n grasps of a scene, world frame, float64."""
+class GraspCandidates(Grasps):
+    """n grasps of a scene, world frame."""
 
-    position: np.ndarray
-    """[n, 3] palm origin, metres."""
-    rotation: np.ndarray
-    """[n, 3, 3] R_world_palm."""
-    joints: np.ndarray
-    """[n, D] rad."""
     confidence: np.ndarray
     """[n] in [0, 1]."""
     object_index: np.ndarray
     """[n] the object of the scene that is to be grasped."""
-
-    def __len__(self) -> int:
-        return len(self.position)
-
-    def __getitem__(self, rows: np.ndarray) -> GraspCandidates:
-        return GraspCandidates(*(getattr(self, entry.name)[rows] for entry in fields(self)))
-
-    def T_world_palm(self, row: int) -> np.ndarray:
-        """[4, 4]."""
-        T = np.eye(4)
-        T[:3, :3], T[:3, 3] = self.rotation[row], self.position[row]
-        return T
 
 
 def from_labels(scene: Scene, grasps: Mapping[str, GraspSet], hand: HandModel) -> GraspCandidates:
@@ -56,16 +39,15 @@ def from_labels(scene: Scene, grasps: Mapping[str, GraspSet], hand: HandModel) -
         grasps,
         hand.palm_reference,
     )
+    order = np.argsort(scene.grasp_object, kind="stable")  # that of `grasps_in_scene`
     names = [scene.object_ids[k] for k in scene.grasp_object]
     rows = zip(names, scene.grasp_index, strict=True)
     robustness = np.array([grasps[name].robustness[row] for name, row in rows], dtype=np.float64)
-    order = np.argsort(found.object_index, kind="stable")
-    assert (order == np.arange(len(order))).all()
     return GraspCandidates(
         found.position,
         found.rotation,
         found.joints,
-        np.nan_to_num(robustness, nan=1.0),
+        np.nan_to_num(robustness[order], nan=1.0),
         found.object_index,
     )
 

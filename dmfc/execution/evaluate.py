@@ -23,6 +23,7 @@ from dmfc.execution.candidates import (
 from dmfc.execution.diversity import diversity
 from dmfc.execution.outcome import Outcome
 from dmfc.execution.trial import TrialRunner
+from dmfc.execution.trial_files import DIVERSITY, TRIALS
 from dmfc.geometry.transforms import transform
 from dmfc.grasps.grasp_set import GraspSet
 from dmfc.hand.description import HandDescription
@@ -36,7 +37,6 @@ from dmfc.scenes.scene_set import Scene, SceneSet
 
 Row = Literal["model", "planner", "random"]
 Progress = Callable[[float, str], None]
-TRIALS, DIVERSITY = "trials.parquet", "diversity.parquet"
 TABLE_SIZE = 2.0
 """Side of the table that pictures show, metres; for contacts it has no end."""
 
@@ -103,9 +103,7 @@ class Evaluation:
             if trial < len(candidates):
                 which = int(candidates.object_index[trial])
                 target, confidence = scene.object_ids[which], float(candidates.confidence[trial])
-                outcome = runner.run(
-                    candidates.T_world_palm(trial), candidates.joints[trial], which
-                )
+                outcome = runner.run(candidates.T[trial], candidates.joints[trial], which)
             yield {
                 "scene": scene.scene,
                 "trial": trial,

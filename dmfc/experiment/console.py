@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -17,6 +17,13 @@ def stderr() -> Console:
     from rich.console import Console
 
     return Console(stderr=True, highlight=False)
+
+
+def warn(warnings: Iterable[str]) -> None:
+    """Print the warnings that are not empty on standard error, a line each."""
+    for warning in warnings:
+        if warning:
+            stderr().print(f"warning: {warning}", soft_wrap=True, markup=False)
 
 
 def answer(value: Any) -> None:

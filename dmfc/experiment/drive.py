@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from dmfc.engine.ledger import Ledger
     from dmfc.report.table import SweepTable
     from dmfc.sweep.plan import SweepPlan
+    from dmfc.sweep.record import SearchRecord, SweepRecord
     from dmfc.tracking.live import LiveTracking
 
 
@@ -65,7 +66,7 @@ def drive(plans: Sequence[SweepPlan], ledger: Ledger, as_json: bool) -> Driven:
             ran = sum(outcome.status == "ran" for outcome in outcomes.values())
             tables = []
             for plan, folder in zip(plans, folders, strict=True):
-                table = write_tables(ledger, plan.describe(), failures, as_json)
+                table = write_tables(ledger, plan.record(), failures, as_json)
                 tables.append(table)
                 write_state(folder, "FAILED" if _incomplete(table) else "FINISHED", failures)
             patience = END_SECONDS
@@ -134,21 +135,21 @@ def _run(
         if not before and unfinished(plan.targets, ledger):
             add_provenance(folder)
         if plan.search:
-            stderr().print(f"{plan.sweep.name}: {_round(plan)}", soft_wrap=True)
-    watcher = Watcher(ledger, stderr(), [plan.describe() for plan in plans], KINDS)
+            stderr().print(f"{plan.sweep.name}: {_round(plan.search)}", soft_wrap=True)
+    watcher = Watcher(ledger, stderr(), [plan.record() for plan in plans], KINDS)
     return run_shown(targets, ledger, plans[0].config, watcher)
 
 
-def _round(plan: SweepPlan) -> str:
+def _round(search: SearchRecord) -> str:
     """What a search does next."""
-    if plan.search["best"] is not None:
-        return f"trial {plan.search['best']} is the best; it is executed"
-    return f"{len(plan.search['trials'])} of {plan.search['wanted']} trials"
+    if search.best is not None:
+        return f"trial {search.best} is the best; it is executed"
+    return f"{len(search.trials)} of {search.wanted} trials"
 
 
 def write_tables(
     ledger: Ledger,
-    description: Mapping[str, Any],
+    description: SweepRecord,
     failures: Mapping[str, str],
     as_json: bool,
     read_only: bool = False,
@@ -174,9 +175,7 @@ def write_tables(
     return table
 
 
-def page_writer(
-    ledger: Ledger, description: Mapping[str, Any], table: SweepTable
-) -> Callable[[], Path]:
+def page_writer(ledger: Ledger, description: SweepRecord, table: SweepTable) -> Callable[[], Path]:
     """Draw the figures of a sweep's page; gives what writes the page as things then stand."""
     from dmfc.engine.state import read_state
     from dmfc.report.collect import collect
@@ -220,18 +219,17 @@ def _result(plan: SweepPlan, table: SweepTable, ledger: Ledger, anew: bool) -> d
     from dmfc.report.page import PAGE
 
     if anew or not (plan.folder(ledger) / PAGE).is_file():
-        write = page_writer(ledger, plan.describe(), table)
+        write = page_writer(ledger, plan.record(), table)
         write()  # for MLflow to show
         tracked = _track(plan, ledger)
         write()  # with links to the runs that there are now
     else:
         tracked = _track(plan, ledger)
     result = to_json(table)
-    for cell in plan.describe()["cells"]:
-        stages = [cell["pretrain"], cell["model"], *cell["evaluations"]]
-        shown = result["cells"].get(cell["name"]) or result["search"][cell["name"]]
+    for cell in plan.record().cells:
+        shown = result["cells"].get(cell.name) or result["search"][cell.name]
         entry = shown.setdefault("stages", [])
-        entry += [address for address in stages if address and address not in entry]
+        entry += [address for address in cell.stages if address not in entry]
     return {
         **result,
         "folder": str(plan.folder(ledger)),

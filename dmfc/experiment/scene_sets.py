@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from dmfc.errors import DmfcError, unknown_name
 from dmfc.experiment.console import stderr
 from dmfc.experiment.session import Session, require
+from dmfc.pipeline.artifacts import GRASPS, SCENES, load_hand, load_object
 
 if TYPE_CHECKING:
     from dmfc.engine.stage import Stage
@@ -28,7 +29,7 @@ def open_set(
     split: str, at: str | None, preset: str, overrides: Sequence[str] | None, store: Path
 ) -> tuple[PublishedSet, Session]:
     """The set at a folder or URL, or that of the settings if all its shards are made."""
-    from dmfc.scenes.publish.published import PublishedSet
+    from dmfc.scenes.publish.published import MANIFEST, PublishedSet
 
     session = Session.open(preset, overrides, store)
     if at is not None:
@@ -41,7 +42,7 @@ def open_set(
             f"run `dmfc scenes make --split {split}`"
         )
     place = session.ledger.store / "scene_sets" / set_name(split, shards)
-    if (place / "manifest.json").is_file():
+    if (place / MANIFEST).is_file():
         return PublishedSet.open(str(place)), session
     return publish_set(session, split, shards, str(place), copy=False), session
 
@@ -73,7 +74,7 @@ def publish_set(
     found = publish(
         place,
         shard_files(session, shards),
-        {s.name: ledger.folder(s.address) / "grasps.parquet" for s in there},
+        {s.name: ledger.folder(s.address) / GRASPS for s in there},
         hand.palm_reference,
         config.matching,
         seeds=config.network.levels[0],
@@ -115,24 +116,20 @@ def write_card(
 
 
 def shard_files(session: Session, shards: Sequence[Stage]) -> list[Path]:
-    return [session.ledger.folder(shard.address) / "scenes.parquet" for shard in shards]
+    return [session.ledger.folder(shard.address) / SCENES for shard in shards]
 
 
 def hand_of(session: Session) -> HandModel:
-    from dmfc.hand.model import HandModel
-
     stage = session.builder.hand(session.config)
     require(session.make([stage]), [stage])
-    return HandModel.load(session.ledger.folder(stage.address) / "hand.npz")
+    return load_hand(session.ledger.folder(stage.address))
 
 
 def objects_of(session: Session, split: str, shown: Sequence[Scene]) -> Mapping[str, ObjectModel]:
     """The prepared objects of some scenes."""
-    from dmfc.objects.model import ObjectModel
-
     names = {name for scene in shown for name in scene.object_ids}
     return {
-        stage.name: ObjectModel.load(session.ledger.folder(stage.address) / "object.npz")
+        stage.name: load_object(session.ledger.folder(stage.address))
         for stage in session.builder.objects(session.config, split)
         if stage.name in names
     }

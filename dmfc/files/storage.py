@@ -7,7 +7,7 @@ import os
 import pyarrow as pa
 import pyarrow.fs as pafs
 
-from dmfc.errors import DmfcError
+from dmfc.errors import DmfcError, first_line
 
 
 def located(place: str) -> tuple[pafs.FileSystem, str]:
@@ -23,7 +23,7 @@ def located(place: str) -> tuple[pafs.FileSystem, str]:
     try:
         system, path = fsspec.core.url_to_fs(place)
     except (ValueError, ImportError) as error:
-        raise DmfcError(f"nothing here opens {place}: {str(error).splitlines()[0]}") from error
+        raise DmfcError(f"nothing here opens {place}: {first_line(error)}") from error
     return pafs.PyFileSystem(pafs.FSSpecHandler(system)), path
 
 
@@ -39,7 +39,7 @@ def read_file(place: str) -> bytes:
         with system.open_input_stream(path) as stream:
             return stream.readall()
     except OSError as error:
-        raise DmfcError(f"{place} cannot be read: {str(error).splitlines()[0]}") from error
+        raise DmfcError(f"{place} cannot be read: {first_line(error)}") from error
 
 
 def write_file(place: str, content: bytes) -> None:
@@ -50,4 +50,4 @@ def write_file(place: str, content: bytes) -> None:
         with system.open_output_stream(path) as stream:
             stream.write(content)
     except OSError as error:
-        raise DmfcError(f"{place} cannot be written: {str(error).splitlines()[0]}") from error
+        raise DmfcError(f"{place} cannot be written: {first_line(error)}") from error

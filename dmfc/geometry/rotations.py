@@ -1,4 +1,4 @@
-"""Rotations as batched tensors: 6-D representation, quaternions (wxyz), angles, random draws.
+"""Rotations as batched tensors: the 6-D representation, and angles between them.
 
 A rotation matrix R_a_b [..., 3, 3] maps vectors of frame b into frame a; its columns are b's axes.
 """
@@ -36,54 +36,3 @@ def geodesic_angle(first: Tensor, second: Tensor) -> Tensor:
     skew = (relative - relative.transpose(-1, -2)) / 2
     sine = torch.stack([skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]], dim=-1).norm(dim=-1)
     return torch.atan2(sine, cosine)
-
-
-def matrix_from_quaternion(quaternion: Tensor) -> Tensor:
-    """Quaternion wxyz [..., 4] (any non-zero length) -> rotation matrix [..., 3, 3]."""
-    w, x, y, z = normalize(quaternion, dim=-1).unbind(-1)
-    entries = [
-        *(1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
-        *(2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
-        *(2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
-    ]
-    return torch.stack(entries, dim=-1).unflatten(-1, (3, 3))
-
-
-def quaternion_from_matrix(rotation: Tensor) -> Tensor:
-    """Rotation matrix [..., 3, 3] -> unit quaternion wxyz [..., 4] with w >= 0.
-
-    Of the four rows of 4 q qᵀ (Bar-Itzhack 2000) the one with the largest diagonal entry is
-    normalised: no division by a small number, whatever the angle.
-    """
-    m = rotation
-    xx, yy, zz = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
-    wx, wy, wz = (
-        m[..., 2, 1] - m[..., 1, 2],
-        m[..., 0, 2] - m[..., 2, 0],
-        m[..., 1, 0] - m[..., 0, 1],
-    )
-    xy, xz, yz = (
-        m[..., 0, 1] + m[..., 1, 0],
-        m[..., 0, 2] + m[..., 2, 0],
-        m[..., 1, 2] + m[..., 2, 1],
-    )
-    rows = torch.stack(
-        [
-            torch.stack([1 + xx + yy + zz, wx, wy, wz], dim=-1),
-            torch.stack([wx, 1 + xx - yy - zz, xy, xz], dim=-1),
-            torch.stack([wy, xy, 1 - xx + yy - zz, yz], dim=-1),
-            torch.stack([wz, xz, yz, 1 - xx - yy + zz], dim=-1),
-        ],
-        dim=-2,
-    )
-    best = rows.diagonal(dim1=-2, dim2=-1).argmax(-1)
-    index = best[..., None, None].expand(*best.shape, 1, 4)
-    quaternion = normalize(rows.gather(-2, index).squeeze(-2), dim=-1)
-    return torch.where(quaternion[..., :1] < 0, -quaternion, quaternion)
-
-
-def random_rotations(
-    count: int, generator: torch.Generator | None = None, dtype: torch.dtype = torch.float32
-) -> Tensor:
-    """Rotations uniform on SO(3), [count, 3, 3]: normalised Gaussian quaternions."""
-    return matrix_from_quaternion(torch.randn(count, 4, generator=generator, dtype=dtype))

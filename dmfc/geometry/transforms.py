@@ -21,14 +21,6 @@ def transform(rotation: Array, position: Array) -> Array:
     return _transform_numpy(rotation, position)
 
 
-def compose(T_a_b: Array, *rest: Array) -> Array:
-    """T_a_c = T_a_b @ T_b_c, for any number of factors."""
-    result = T_a_b
-    for factor in rest:
-        result = result @ factor
-    return result
-
-
 def inverse(T_a_b: Array) -> Array:
     """T_b_a, by the transpose of the rotation: (Rᵀ, -Rᵀ t)."""
     rotation = T_a_b[..., :3, :3].swapaxes(-1, -2)

@@ -18,23 +18,21 @@ import pyarrow.parquet as pq
 from scipy.spatial.transform import Rotation
 
 from dmfc.errors import DmfcError
+from dmfc.grasps.grasps import Grasps
 
 VERSION = 1
 
 
 @dataclass(frozen=True)
-class GraspSet:
-    """n grasps of an object, in its frame. All arrays are float64 and of the same length."""
+class GraspSet(Grasps):
+    """n grasps of an object, in its frame, with the fingers in contact.
+
+    All arrays become float64. Raises ValueError where they are not of the same length.
+    """
 
     object_id: str
     hand: str
     dof_names: list[str]
-    position: np.ndarray
-    """[n, 3] origin of the palm frame, metres."""
-    rotation: np.ndarray
-    """[n, 3, 3] R_object_palm."""
-    joints: np.ndarray
-    """[n, D] rad, when the fingers are in contact."""
     palm_hit: np.ndarray
     """[n, 3] the palm reference projected along the palm normal on the surface; NaN: it misses."""
     q1: np.ndarray
@@ -61,19 +59,10 @@ class GraspSet:
             value = np.asarray(getattr(self, name), dtype=np.float64).reshape(shape)
             object.__setattr__(self, name, value)
 
-    def __len__(self) -> int:
-        return len(self.position)
-
-    def __getitem__(self, rows: np.ndarray | slice) -> GraspSet:
-        """The grasps of some rows (indices, mask or slice)."""
-        return dataclasses.replace(self, **{name: getattr(self, name)[rows] for name in _ARRAYS})
-
     @property
     def T_object_palm(self) -> np.ndarray:
         """[n, 4, 4]."""
-        T = np.tile(np.eye(4), (len(self), 1, 1))
-        T[:, :3, :3], T[:, :3, 3] = self.rotation, self.position
-        return T
+        return self.T
 
     @classmethod
     def empty(
@@ -81,7 +70,7 @@ class GraspSet:
     ) -> GraspSet:
         """No grasps at all."""
         arrays = {name: np.zeros(0) for name in _ARRAYS}
-        return cls(object_id, hand, dof_names, notes=notes or {}, **arrays)
+        return cls(object_id=object_id, hand=hand, dof_names=dof_names, notes=notes or {}, **arrays)
 
     def save(self, path: Path) -> None:
         """Write the Parquet file; an existing one is replaced."""
@@ -125,7 +114,13 @@ class GraspSet:
             for key, value in metadata.items()
             if key.startswith("note.")
         }
-        return cls(metadata["object_id"], metadata["hand"], dof_names, notes=notes, **values)
+        return cls(
+            object_id=metadata["object_id"],
+            hand=metadata["hand"],
+            dof_names=dof_names,
+            notes=notes,
+            **values,
+        )
 
 
 _SCALARS = ("q1", "penetration", "robustness", "contacts")

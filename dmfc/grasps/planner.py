@@ -22,7 +22,6 @@ from dmfc.config.physics import PhysicsConfig
 from dmfc.grasps.check import Verdict, check, checking_world, lifts, seat
 from dmfc.grasps.grasp_set import GraspSet
 from dmfc.grasps.propose import Candidates, Proposer
-from dmfc.grasps.refine import Refiner
 from dmfc.hand.description import HandDescription
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.model import HandModel
@@ -66,8 +65,7 @@ def plan(
     proposer = Proposer(model, hand, description, config)
     score = _Scorer(model, hand, q1)
     trials = _Trials(checking_world(description, model, physics, config), hand, proposer, config)
-    refiner = Refiner(model, hand, config, q1) if config.refine.steps else None
-    ways: list[_Way] = [_Closed(trials, score, refiner), _Seated(trials, score)]
+    ways: list[_Way] = [_Closed(trials, score), _Seated(trials, score)]
     wanted = round(config.per_object * config.surplus)
     found: list[_Found] = []
     checked = 0
@@ -78,7 +76,7 @@ def plan(
             worse = way.rate < 0.5 * max(other.rate for other in ways)
             if worse or checked >= config.max_checks or len(found) >= wanted:
                 break
-            if _is_near(candidate.T_object_palm[0], found, config.min_distance):
+            if _is_near(candidate.T[0], found, config.min_distance):
                 continue
             checked += 1
             hit = way.attempt(candidate)
@@ -160,9 +158,8 @@ class _Trials:
 class _Way(ABC):
     """A way of making candidates, and what it has given. The best of a batch by Q1 are tried."""
 
-    def __init__(self, trials: _Trials, score: _Scorer, refiner: Refiner | None = None) -> None:
+    def __init__(self, trials: _Trials, score: _Scorer) -> None:
         self.trials, self.config, self.score = trials, trials.config, score
-        self.refiner = refiner
         self.held, self.seconds, self.proposed = 0, 0.0, 0
 
     @property
@@ -174,17 +171,10 @@ class _Way(ABC):
         """A batch, one by one, the most promising first."""
         batch = self._batch(generator)
         self.proposed += self.config.batch
-        batch = self._refined(batch, "batch")
-        best = np.argsort(-self.score(batch.T_object_palm, batch.joints), kind="stable")
-        kept = self._refined(batch[best[: max(1, round(self.config.keep * len(batch)))]], "kept")
+        best = np.argsort(-self.score(batch.T, batch.joints), kind="stable")
+        kept = batch[best[: max(1, round(self.config.keep * len(batch)))]]
         for row in range(len(kept)):
             yield kept[row : row + 1]
-
-    def _refined(self, candidates: Candidates, which: str) -> Candidates:
-        """The candidates, refined if it is now that they are to be."""
-        if self.refiner is None or self.config.refine.which != which or not len(candidates):
-            return candidates
-        return self.trials.proposer.closed_again(self.refiner(candidates))
 
     def attempt(self, candidate: Candidates) -> _Found | None:
         """Try one of them."""
@@ -209,7 +199,7 @@ class _Closed(_Way):
 
     def _attempt(self, candidate: Candidates) -> _Found | None:
         pose = int(candidate.stable_pose[0])
-        return self.trials.verified(candidate.T_object_palm[0], candidate.joints[0], pose)
+        return self.trials.verified(candidate.T[0], candidate.joints[0], pose)
 
 
 class _Seated(_Way):
@@ -219,7 +209,7 @@ class _Seated(_Way):
         return self.trials.proposer.draw_open(self.config.batch, generator)
 
     def _attempt(self, candidate: Candidates) -> _Found | None:
-        seated = self.trials.seated(candidate.T_object_palm[0], candidate.preshape[0])
+        seated = self.trials.seated(candidate.T[0], candidate.preshape[0])
         if seated is None:
             return None
         reached = self.trials.proposer.reached(*seated)

@@ -12,8 +12,8 @@ import numpy as np
 import torch
 
 from dmfc.config.grasps import GraspsConfig
-from dmfc.geometry.transforms import transform
 from dmfc.grasps import hand_kernel
+from dmfc.grasps.grasps import Grasps
 from dmfc.hand.description import HandDescription
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.model import HandModel
@@ -21,32 +21,18 @@ from dmfc.objects.model import ObjectModel
 
 
 @dataclass(frozen=True)
-class Candidates:
-    """B hands that touch the object. Object frame; float64."""
+class Candidates(Grasps):
+    """B hands in the object's frame, each finger closed until it touches.
 
-    position: np.ndarray
-    """[B, 3] palm origin, metres."""
-    rotation: np.ndarray
-    """[B, 3, 3] R_object_palm."""
+    A finger that never does stays open.
+    """
+
     preshape: np.ndarray
     """[B, D] rad, before the fingers close; free of the object."""
-    joints: np.ndarray
-    """[B, D] rad, each finger closed until it touches; one that never does stays open."""
     touching: np.ndarray
     """[B, F] bool, fingers that touch."""
     stable_pose: np.ndarray
     """[B] stable pose of the object in which the hand keeps off the table; -1: not asked for."""
-
-    def __len__(self) -> int:
-        return len(self.position)
-
-    @property
-    def T_object_palm(self) -> np.ndarray:
-        """[B, 4, 4]."""
-        return transform(self.rotation, self.position)
-
-    def __getitem__(self, rows: np.ndarray | slice) -> Candidates:
-        return Candidates(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
 
 
 class Proposer:
@@ -100,15 +86,6 @@ class Proposer:
         anywhere = np.full(count, -1)
         found = self._close(self._back_off(position, rotation, opened, anywhere, np.zeros(1)))
         return found[found.touching.sum(axis=1) >= 2]
-
-    def closed_again(self, candidates: Candidates) -> Candidates:
-        """Of hands that were moved those that still fit, opened and closed until they touch."""
-        opened = self.hand.opened(candidates.joints)
-        found = self._close(replace(candidates, preshape=opened))
-        found = found[found.touching.sum(axis=1) >= 2]
-        return found[
-            self.reachable(found.position, found.rotation, found.joints, found.stable_pose)
-        ]
 
     def reached(self, T_object_palm: np.ndarray, joints: np.ndarray) -> np.ndarray:
         """The stable poses of the object in which the hand [4, 4], [D] is `reachable`."""

@@ -21,7 +21,7 @@ from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
 from dmfc.config.interpolation import refuse_interpolation
-from dmfc.errors import DmfcError, unknown_name
+from dmfc.errors import DmfcError, first_line, unknown_name
 
 
 @dataclass(frozen=True)
@@ -144,7 +144,7 @@ def _read(path: Path, text: str) -> HandDescription:
         description = OmegaConf.to_object(merged)
     except OmegaConfBaseException as error:
         where = f" (key {error.full_key})" if error.full_key else ""
-        raise DmfcError(f"hand description {path}: {str(error).splitlines()[0]}{where}") from error
+        raise DmfcError(f"hand description {path}: {first_line(error)}{where}") from error
     except (YAMLError, TypeError, OSError) as error:
         raise DmfcError(f"hand description {path}: {' '.join(str(error).split())}") from error
     assert isinstance(description, HandDescription)

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from dmfc.assets import pull
-from dmfc.errors import DmfcError
+from dmfc.errors import DmfcError, one_line
 from dmfc.hand.description import HandDescription, load_description
 
 PREFIX = "hand/"
@@ -42,7 +42,7 @@ def hand_spec(description: HandDescription) -> mujoco.MjSpec:
     try:
         source = mujoco.MjSpec.from_file(str(path))
     except ValueError as error:
-        raise DmfcError(f"hand '{description.name}': {path}: {_line(error)}") from error
+        raise DmfcError(f"hand '{description.name}': {path}: {one_line(error)}") from error
     palm = source.body(description.palm)
     if palm is None:
         raise DmfcError(f"hand '{description.name}': no body '{description.palm}' (key palm)")
@@ -68,7 +68,7 @@ def hand_model(description: HandDescription) -> mujoco.MjModel:
     try:
         return hand_spec(description).compile()
     except ValueError as error:
-        raise DmfcError(f"hand '{description.name}': {_line(error)} (key mjcf)") from error
+        raise DmfcError(f"hand '{description.name}': {one_line(error)} (key mjcf)") from error
 
 
 def actuator_scale(spec: mujoco.MjSpec, description: HandDescription) -> np.ndarray:
@@ -127,7 +127,3 @@ def _driven(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> dict[str, floa
         return {actuator.target.removeprefix(PREFIX): 1.0}
     path = spec.tendon(actuator.target).path
     return {wrap.target.name.removeprefix(PREFIX): float(wrap.coef) for wrap in path}
-
-
-def _line(error: Exception) -> str:
-    return " ".join(str(error).split())

@@ -119,7 +119,7 @@ class HandModel:
         try:
             with np.load(path, allow_pickle=False) as arrays:
                 return cls._from_arrays(arrays)
-        except (OSError, ValueError, KeyError, BadZipFile) as error:
+        except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
             raise DmfcError(f"{path} is not a hand model of version {VERSION}: {error}") from error
 
     @classmethod

@@ -8,7 +8,6 @@ Schulman et al. 2017; the weight of distant points: Liu et al. 2020).
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Literal
 
 import numpy as np
 import torch
@@ -24,8 +23,6 @@ CHUNK = 4_000_000
 """Supports computed at a time."""
 SMALLEST_SQUARE = 1e-12
 """Keeps the root of a tangential part that is not there differentiable."""
-
-Support = Literal["exact", "published"]
 
 
 def q1_upper(points: Tensor, objects: SceneObjects, config: Q1Config) -> Tensor:
@@ -64,8 +61,7 @@ def q1_of_contacts(arms: Tensor, normals: Tensor, distance: Tensor, config: Q1Co
     force, torque = directions[:, :3], config.torque_weight * directions[:, 3:]
     weight = torch.exp(-config.alpha * distance.abs())
     with torch.no_grad():
-        compiled = arms.device.type == "cpu" and config.support == "exact"
-        find = _critical_compiled if compiled else _critical
+        find = _critical_compiled if arms.device.type == "cpu" else _critical
         rows = max(CHUNK // (arms.shape[1] * len(directions)), 1)
         pieces = zip(arms.split(rows), normals.split(rows), weight.split(rows), strict=True)
         chosen = [find(*piece, force, torque, config) for piece in pieces]
@@ -81,17 +77,11 @@ def q1_of_contacts(arms: Tensor, normals: Tensor, distance: Tensor, config: Q1Co
 def cone_support(perpendicular: Tensor, squared: Tensor, config: Q1Config) -> Tensor:
     """Largest u.f over the forces f of a friction cone with unit normal force, any shape.
 
-    perpendicular: component of u along the pressing direction; squared: |u|^2. Exact:
-    max(0, perp + mu * par), par the length of the tangential part. Published (the code of Liu et
-    al.): perp + par^2 / perp where u is inside the cone, which is up to 10 % less.
+    perpendicular: component of u along the pressing direction; squared: |u|^2. It is
+    max(0, perp + mu * par), par the length of the tangential part.
     """
     tangential = (squared - perpendicular.square()).clamp(min=SMALLEST_SQUARE)
-    parallel = tangential.sqrt()
-    value = perpendicular + config.friction * parallel
-    if config.support == "published":
-        inside = (perpendicular > 0) & (parallel < config.friction * perpendicular)
-        bounded = torch.where(inside, perpendicular, torch.ones_like(perpendicular))
-        value = torch.where(inside, perpendicular + tangential / bounded, value)
+    value = perpendicular + config.friction * tangential.sqrt()
     return value.clamp(min=0) if config.floor else value
 
 
@@ -137,7 +127,7 @@ def _critical(
 def _critical_compiled(
     arms: Tensor, normals: Tensor, weight: Tensor, force: Tensor, torque: Tensor, config: Q1Config
 ) -> tuple[Tensor, Tensor]:
-    """As `_critical`, for the exact support; where several attain the bound, one of them."""
+    """As `_critical`; where several attain the bound, one of them."""
     features = [force, torque, 2 * torch.linalg.cross(force, torque, dim=-1)]
     squares = [vector.square().sum(-1, keepdim=True) for vector in (force, torque)]
     directions = torch.cat([*features, *squares], dim=-1).T.contiguous().numpy()

@@ -12,7 +12,6 @@ from dmfc.errors import unknown_name
 from dmfc.geometry.transforms import transform
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.model import HandModel
-from dmfc.losses.clamp import clamp_joints
 from dmfc.losses.collision import SelfCollision, collision
 from dmfc.losses.custom import OwnTerms, PlacedHands
 from dmfc.losses.guidance import guidance
@@ -55,7 +54,6 @@ class SceneTerms:
         self.kinematics = HandKinematics(hand)
         self.self_collision = SelfCollision(hand) if config.self_collision else None
         self.own = OwnTerms(config.own)
-        self.lower, self.upper = torch.from_numpy(hand.lower), torch.from_numpy(hand.upper)
 
     def __call__(
         self,
@@ -71,7 +69,7 @@ class SceneTerms:
         predicted: they are clamped here; objects: those around each grasp. q1_upper, q1_lower are
         exp(-Q).
         """
-        held = clamp_joints(joints, self.lower.to(joints), self.upper.to(joints), self.config.clamp)
+        held = self.kinematics.clamp(joints)
         T_world_link = self.kinematics.links(transform(rotation, position), held)
         hands = PlacedHands(position, rotation, held, T_world_link, objects, self.kinematics)
         terms: dict[str, Tensor] = {}

@@ -14,14 +14,11 @@ from safetensors.torch import load_file
 
 from dmfc.config.interpolation import refuse_interpolation
 from dmfc.config.network import NetworkConfig
-from dmfc.errors import DmfcError
+from dmfc.errors import DmfcError, one_line
 from dmfc.hand.model import HandModel
 from dmfc.network.model import DmfcGraspNet
+from dmfc.network.model_files import CONFIG, WEIGHTS
 
-WEIGHTS = "weights.safetensors"
-METRICS = "metrics.jsonl"
-CONFIG = "config.yaml"
-SUMMARY = "summary.json"
 _BROKEN = (OSError, AttributeError, ValueError, SafetensorError, OmegaConfBaseException)
 """What reading a folder raises that holds no trained network."""
 
@@ -42,7 +39,7 @@ def load_network(folder: Path, hand: HandModel) -> DmfcGraspNet:
         trained_hand = stored.hand
         net = new_network(_network_config(stored), hand)
     except _BROKEN as error:
-        raise DmfcError(f"{folder} holds no trained network: {_first_line(error)}") from error
+        raise DmfcError(f"{folder} holds no trained network: {one_line(error)}") from error
     if trained_hand != hand.name:
         raise DmfcError(f"{folder} was trained for the hand '{trained_hand}', not '{hand.name}'")
     load_weights(net, folder)
@@ -62,7 +59,7 @@ def load_alone(folder: Path) -> tuple[DmfcGraspNet, str]:
         net.load_state_dict(tensors)
         hand = str(stored.hand)
     except (*_BROKEN, KeyError, RuntimeError) as error:
-        raise DmfcError(f"{folder} holds no trained network: {_first_line(error)}") from error
+        raise DmfcError(f"{folder} holds no trained network: {one_line(error)}") from error
     return net.eval(), hand
 
 
@@ -72,7 +69,7 @@ def load_weights(net: DmfcGraspNet, folder: Path) -> None:
         net.load_state_dict(load_file(folder / WEIGHTS))
     except (OSError, SafetensorError, RuntimeError) as error:
         raise DmfcError(
-            f"the weights in {folder} do not fit this network and hand: {_first_line(error)} "
+            f"the weights in {folder} do not fit this network and hand: {one_line(error)} "
             "(network.*, hand.name)"
         ) from error
 
@@ -95,7 +92,3 @@ def _inside(limit: np.ndarray, towards: float) -> torch.Tensor:
     rounded = limit.astype(np.float32)
     outside = (rounded - limit) * np.sign(towards) < 0
     return torch.from_numpy(np.where(outside, np.nextafter(rounded, np.float32(towards)), rounded))
-
-
-def _first_line(error: Exception) -> str:
-    return " ".join(str(error).split())[:200]

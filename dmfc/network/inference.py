@@ -8,22 +8,18 @@ import numpy as np
 import torch
 
 from dmfc.errors import DmfcError
+from dmfc.grasps.grasps import Grasps
 from dmfc.network.model import DmfcGraspNet
 
 
 @dataclass(frozen=True)
-class PredictedGrasps:
-    """m grasps in the frame of the cloud (world), float64.
+class PredictedGrasps(Grasps):
+    """m grasps in the frame of the cloud (world), with joints within the hand's limits."""
 
-    position `[m,3]` of the palm, metres; rotation `[m,3,3]` R_world_palm; joints `[m,J]` in rad,
-    within the hand's limits; confidence `[m]` in (0, 1); seed_index `[m]` (int64) into the cloud.
-    """
-
-    position: np.ndarray
-    rotation: np.ndarray
-    joints: np.ndarray
     confidence: np.ndarray
+    """[m] in (0, 1)."""
     seed_index: np.ndarray
+    """[m] int64 point of the cloud that the grasp was predicted at."""
 
 
 @torch.inference_mode()

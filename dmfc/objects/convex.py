@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import trimesh
 from scipy.spatial import ConvexHull, QhullError
 
 from dmfc.config.objects import PrepareConfig
@@ -94,8 +93,3 @@ def _thinned(points: np.ndarray, limit: int) -> np.ndarray:
     )
     centred = (points - points.mean(axis=0)) / np.ptp(points, axis=0)
     return points[np.unique(np.argmax(centred @ directions, axis=0))]
-
-
-def parts_volume(parts: list[np.ndarray]) -> float:
-    """Sum of the volumes of the parts, m^3."""
-    return float(sum(trimesh.convex.convex_hull(part).volume for part in parts))

@@ -6,14 +6,13 @@ def rings() -> list[OwnObject]: ...
 from __future__ import annotations
 
 import hashlib
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from dmfc.config.custom_function import own_function
 from dmfc.errors import DmfcError, unknown_name
-from dmfc.objects.sources import ObjectSource
+from dmfc.objects.source import ObjectSource, as_name
 
 if TYPE_CHECKING:
     import trimesh
@@ -24,7 +23,7 @@ class OwnObject:
     """One object of a user's own source."""
 
     name: str
-    """Letters, digits and _ . -, given once; the id is own/<name>."""
+    """Letters, marks and digits of any script and _ . -, given once; the id is own/<name>."""
     make: Callable[[], trimesh.Trimesh]
     """Its mesh, in metres. Called when it is prepared, not when it is listed."""
     mass: float | None = None
@@ -47,7 +46,7 @@ def own_sources(file: str, rest: str, selector: str) -> list[ObjectSource]:
         raise DmfcError(f"{where}: {name}() must give a list of OwnObject")
     names = [item.name for item in listed]
     for item_name in names:
-        if not re.fullmatch(r"[A-Za-z0-9_.-]+", item_name) or names.count(item_name) > 1:
+        if not item_name or as_name(item_name) != item_name or names.count(item_name) > 1:
             raise DmfcError(f"{where}: '{item_name}' is no name of an object, or is given twice")
     if wanted and wanted not in names:
         raise unknown_name(f"object of '{file}:{name}'", wanted, names)

@@ -3,9 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
+import trimesh
+from scipy.spatial import ConvexHull
 
 from dmfc.geometry.grid import Grid
 from dmfc.objects.mesh import CleanMesh
+from dmfc.objects.model import ObjectModel
+
+ASSUMED = "mass from density"
+"""How the note of an object without a known mass begins."""
+_LIGHTEST, _HEAVIEST = 20.0, 23_000.0
+"""kg per m^3 of convex hull: polystyrene foam; osmium."""
 
 
 def mass_properties(
@@ -23,6 +31,23 @@ def mass_properties(
         volume, com, unit_inertia = _voxel_properties(sdf)
     mass = known_mass if known_mass is not None else min(density * volume, max_mass)
     return float(mass), np.asarray(com, dtype=np.float64), _valid(unit_inertia * mass / volume)
+
+
+def implausible_mass(model: ObjectModel) -> str:
+    """A warning where an object is lighter than foam of its size or heavier than any metal, naming
+    its mesh and density; '' where its mass can be."""
+    hull = float(ConvexHull(model.vertices).volume)
+    apparent = model.mass / hull
+    if _LIGHTEST <= apparent <= _HEAVIEST:
+        return ""
+    volume = abs(float(trimesh.Trimesh(model.vertices, model.faces, process=False).volume))
+    assumed = [note for note in model.notes if note.startswith(ASSUMED)]
+    how = f"{assumed[0]}, and the walls of its mesh hold {1e6 * volume:.3g} cm^3" if assumed else ""
+    return (
+        f"{model.id}: a mass of {1000 * model.mass:.3g} g is implausible for an object that fills "
+        f"{1e6 * hull:.3g} cm^3 ({how or 'as its source has it'}): setting "
+        "objects.prepare.density, or a source that knows the mass"
+    )
 
 
 def _voxel_properties(sdf: Grid) -> tuple[float, np.ndarray, np.ndarray]:

@@ -1,21 +1,22 @@
-"""Mesh files: read, mend, and refuse what cannot be an object."""
+"""Meshes: mend them, and refuse what cannot be an object."""
 
 from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass, field
-from pathlib import Path
 
+import igl
 import manifold3d
 import numpy as np
 import trimesh
 
 from dmfc.errors import DmfcError
 
-MESH_SUFFIXES = (".stl", ".obj", ".ply", ".off", ".glb")
 MIN_EXTENT = 0.005
 MAX_EXTENT = 1.0
 """Metres; an object whose longest side is outside is taken for a file in another unit."""
+_SLIVER = 1e-6
+"""Share of all volume below which the winding of a body does not matter."""
 
 
 @dataclass(frozen=True)
@@ -44,27 +45,9 @@ class CleanMesh:
         return digest.hexdigest()
 
 
-def load_mesh(paths: list[Path], scale: float = 1.0) -> trimesh.Trimesh:
-    """Read one mesh from one or more files (joined), times `scale`; DmfcError if it cannot be."""
-    parts = []
-    for path in paths:
-        if not path.is_file():
-            raise DmfcError(f"mesh file {path} does not exist")
-        try:
-            part = trimesh.load(path, force="mesh", process=False)
-        except Exception as error:  # the readers of the formats raise whatever they like
-            raise DmfcError(f"mesh file {path} cannot be read: {_line(error)}") from error
-        if not isinstance(part, trimesh.Trimesh) or len(part.faces) == 0:
-            raise DmfcError(f"mesh file {path} holds no faces")
-        parts.append(trimesh.Trimesh(part.vertices * scale, part.faces, process=False))
-    joined = parts[0]
-    for part in parts[1:]:
-        joined = joined + part
-    return joined
-
-
 def clean(mesh: trimesh.Trimesh, name: str) -> CleanMesh:
-    """Merge vertices, drop degenerate faces, fill holes, unite overlapping bodies, fix winding.
+    """Merge vertices, drop degenerate and doubled faces, fix winding, fill holes, turn bodies that
+    are inside out, unite overlapping ones.
 
     Raises DmfcError, with `name`, for a mesh that is empty, not finite, without volume, or of an
     impossible size.
@@ -84,6 +67,7 @@ def clean(mesh: trimesh.Trimesh, name: str) -> CleanMesh:
     mesh.remove_unreferenced_vertices()
     if len(mesh.faces) < 4:
         raise DmfcError(f"object '{name}': its mesh has no volume (fewer than four proper faces)")
+    _drop_doubled(mesh, notes)
     if not mesh.is_winding_consistent and not _closed(mesh.faces):
         trimesh.repair.fix_winding(mesh)
         notes.append("winding mended")
@@ -91,6 +75,7 @@ def clean(mesh: trimesh.Trimesh, name: str) -> CleanMesh:
         trimesh.repair.fill_holes(mesh)
         notes.append("holes filled" if _closed(mesh.faces) else "mesh is open")
     closed = _closed(mesh.faces)
+    _turn_bodies(mesh, notes)
     if closed:
         mesh = _united(mesh, notes)
     if _volume(mesh) < 0:
@@ -148,15 +133,82 @@ def _drop_degenerate(mesh: trimesh.Trimesh) -> None:
         mesh.update_faces(mesh.nondegenerate_faces(height=1e-9) & mesh.unique_faces())
 
 
+def _drop_doubled(mesh: trimesh.Trimesh, notes: list[str]) -> None:
+    """Keep each face once, of a mesh that is closed and stays so.
+
+    Twice in one winding, faces count their volume twice; in both, as files have them that are to be
+    seen from both sides, they cancel it.
+    """
+    corners = np.sort(mesh.faces, axis=1)
+    _, first, face = np.unique(corners, axis=0, return_index=True, return_inverse=True)
+    if len(first) == len(corners) or not _closed(mesh.faces):
+        return
+    # A face is wound forwards if its corners are an even permutation of the sorted ones.
+    forwards = (np.diff(mesh.faces[:, [0, 1, 2, 0]], axis=1) > 0).sum(axis=1) == 2
+    ways = np.stack([np.bincount(face, way, len(first)) for way in (forwards, ~forwards)])
+    if ways.min() > 0:
+        once = trimesh.Trimesh(mesh.vertices, mesh.faces[np.sort(first)], process=False)
+        trimesh.repair.fix_winding(once)
+        note = "faces in both windings: each kept once"
+    else:
+        _, first = np.unique(np.column_stack([face, forwards]), axis=0, return_index=True)
+        once = trimesh.Trimesh(mesh.vertices, mesh.faces[np.sort(first)], process=False)
+        note = f"{len(corners) - len(first)} faces given twice dropped"
+    if len(once.faces) < len(mesh.faces) and _closed(once.faces):
+        mesh.faces = once.faces
+        notes.append(note)
+
+
+def _turn_bodies(mesh: trimesh.Trimesh, notes: list[str]) -> None:
+    """Turn those of several bodies that are wound inside out, with what is inside them.
+
+    A body inside another one may be wound so: it is a cavity. Bodies that all are inside out are
+    left to `clean`, which turns the whole.
+    """
+    bodies = trimesh.graph.connected_components(
+        mesh.face_adjacency, nodes=np.arange(len(mesh.faces)), min_len=1
+    )
+    volumes = np.array([_volume(mesh, body) for body in bodies])
+    volumes[np.abs(volumes) < _SLIVER * np.abs(volumes).sum()] = 0
+    if len(bodies) < 2 or (volumes >= 0).all() or (volumes <= 0).all():
+        return
+    faces = np.array(mesh.faces)
+    inside = _within(mesh, bodies)
+    wrong = [k for k, volume in enumerate(volumes) if volume < 0 and not inside[k].any()]
+    for k in wrong:
+        for body in [bodies[k], *(bodies[i] for i in np.flatnonzero(inside[:, k]))]:
+            faces[body] = faces[body][:, ::-1]
+    if wrong:
+        mesh.faces = faces
+        notes.append(f"{len(wrong)} of {len(bodies)} bodies turned inside out")
+
+
+def _within(mesh: trimesh.Trimesh, bodies: list[np.ndarray]) -> np.ndarray:
+    """[B, B]: whether body i lies inside body j."""
+    points = [mesh.vertices[np.unique(mesh.faces[body])] for body in bodies]
+    low, high = (np.array([f(p, axis=0) for p in points]) for f in (np.min, np.max))
+    inside = np.all((low[:, None] > low) & (high[:, None] < high), axis=2)
+    assert isinstance(inside, np.ndarray)
+    for i, j in np.argwhere(inside):
+        some = points[i][:: max(1, len(points[i]) // 16)]
+        turns = igl.fast_winding_number(
+            np.asarray(mesh.vertices), np.asarray(mesh.faces[bodies[j]], dtype=np.int64), some
+        )
+        inside[i, j] = bool((np.abs(turns) > 0.5).all())
+    return inside
+
+
 def _require_volume(mesh: trimesh.Trimesh, name: str) -> None:
     extents, volume = np.ptp(mesh.vertices, axis=0), _volume(mesh)
     if extents.min() < 1e-5 or volume < max(1e-4 * np.prod(extents), 1e-9):
         raise DmfcError(f"object '{name}': its mesh has no volume ({volume:.3g} m^3)")
 
 
-def _volume(mesh: trimesh.Trimesh) -> float:
-    """Signed volume, m^3 (sum of tetrahedra to the centroid of the vertices)."""
-    a, b, c = np.moveaxis(mesh.vertices[mesh.faces] - mesh.vertices.mean(axis=0), 1, 0)
+def _volume(mesh: trimesh.Trimesh, body: np.ndarray | slice = slice(None)) -> float:
+    """Signed volume of a mesh, or of some of its faces, m^3 (sum of tetrahedra to the centroid)."""
+    faces = mesh.faces[body]
+    centre = mesh.vertices.mean(axis=0) if isinstance(body, slice) else mesh.vertices[faces[0, 0]]
+    a, b, c = np.moveaxis(mesh.vertices[faces] - centre, 1, 0)
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
 
 
@@ -167,7 +219,3 @@ def _closed(faces: np.ndarray) -> bool:
     _, index = np.unique(low * (int(faces.max()) + 1) + high, return_inverse=True)
     direction = np.where(edges[:, 0] < edges[:, 1], 1, -1)
     return not np.bincount(index, weights=direction).any()
-
-
-def _line(error: Exception) -> str:
-    return (" ".join(str(error).split()) or type(error).__name__)[:200]

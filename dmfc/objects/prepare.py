@@ -9,12 +9,13 @@ import numpy as np
 
 from dmfc.config.objects import PrepareConfig
 from dmfc.objects.convex import convex_parts
-from dmfc.objects.mass import mass_properties
+from dmfc.objects.mass import ASSUMED, mass_properties
 from dmfc.objects.mesh import CleanMesh, clean
 from dmfc.objects.model import ObjectModel
 from dmfc.objects.poses import stable_poses
 from dmfc.objects.sdf import signed_distance_grid
-from dmfc.objects.sources import ObjectSource, find_object
+from dmfc.objects.source import ObjectSource
+from dmfc.objects.sources import find_object
 
 
 def prepare(source: ObjectSource, config: PrepareConfig) -> ObjectModel:
@@ -35,7 +36,7 @@ def prepare(source: ObjectSource, config: PrepareConfig) -> ObjectModel:
     parts = convex_parts(mesh, config)
     poses = stable_poses(mesh.vertices, parts, com, config.stable_poses)
     points, normals = surface_samples(mesh, config.surface_points)
-    assumed = [] if source.mass is not None else [f"mass from density {config.density:g} kg/m^3"]
+    assumed = [] if source.mass is not None else [f"{ASSUMED} {config.density:g} kg/m^3"]
     return ObjectModel(
         id=source.id,
         vertices=mesh.vertices,

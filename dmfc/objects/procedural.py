@@ -49,11 +49,6 @@ def number_of(name: str) -> int:
     return number
 
 
-def family_names() -> list[str]:
-    """The families, in the order in which numbers go round them."""
-    return [name for name, _ in _FAMILIES]
-
-
 def _box(rng: np.random.Generator) -> Solid:
     """A carton or block: one side that a hand spans, edges a little rounded."""
     sides = np.array([rng.uniform(0.03, 0.08), rng.uniform(0.04, 0.14), rng.uniform(0.04, 0.20)])

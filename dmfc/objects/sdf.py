@@ -46,16 +46,6 @@ def signed_distance_grid(
     return Grid(np.where(inside, distance, -distance).astype(np.float32), lower, spacing)
 
 
-def exact_signed_distance(
-    points: np.ndarray, vertices: np.ndarray, faces: np.ndarray
-) -> np.ndarray:
-    """Signed distance at points [n, 3] by query of the mesh itself -> [n], positive inside."""
-    faces = np.asarray(faces, dtype=np.int64)
-    squared, _, _ = igl.point_mesh_squared_distance(points, vertices, faces)
-    inside = _winding(points, vertices, faces) > 0.5
-    return np.where(inside, 1.0, -1.0) * np.sqrt(squared)
-
-
 def _winding(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return igl.fast_winding_number(
         np.ascontiguousarray(vertices, dtype=np.float64),

@@ -8,6 +8,7 @@ A selector is one of
     ycb:test                a named subset: the 16 test objects of the paper
     procedural:20?from=100  twenty generated objects, beginning with number 100
     folder:/path?unit=mm    the user's own mesh file or folder of mesh files (m, cm, mm, inch)
+    folder:/path?scale=0.06 their meshes times a number (after the unit), such as normalised ones
     rings.py:rings          what a function in the user's file lists (`dmfc.objects.custom`)
     rings.py:rings/small    one of them
 
@@ -19,8 +20,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import re
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -29,9 +29,10 @@ import yaml
 
 from dmfc.assets import get_pack, pull
 from dmfc.errors import DmfcError, unknown_name
+from dmfc.objects.source import ObjectSource
 
 if TYPE_CHECKING:
-    import trimesh
+    pass
 
 YCB_TEST = (
     "master_chef_can",
@@ -58,30 +59,6 @@ RANDOM_SCALE = 0.015
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254}
 _NOT_HOUSEHOLD = ("hand", "headphones")
 """Folders of the household pack that hold no object to grasp, or more than a hand can hold."""
-
-
-@dataclass(frozen=True)
-class ObjectSource:
-    """One object that can be prepared."""
-
-    id: str
-    """"<source>/<name>", e.g. "ycb/mug"."""
-    licence: str
-    mass: float | None
-    """kg where it is known, else None: the setting objects.prepare.density gives it."""
-    digest: str
-    """Changes if what `load` returns may change."""
-    selector: str
-    """Selects this object alone, on this machine."""
-    loader: Callable[[], trimesh.Trimesh]
-
-    @property
-    def source(self) -> str:
-        return self.id.split("/", 1)[0]
-
-    def load(self) -> trimesh.Trimesh:
-        """The mesh as the source has it, in metres. Raises DmfcError if it cannot be read."""
-        return self.loader()
 
 
 def list_objects(selectors: Iterable[str]) -> list[ObjectSource]:
@@ -120,7 +97,9 @@ def _select(selector: str) -> list[ObjectSource]:
     else:
         by_name = not re.fullmatch(r"\d+", rest.partition("?")[0])
     if head == "folder":
-        return _from_folder(rest, selector)
+        from dmfc.objects.folder import folder_sources
+
+        return folder_sources(rest, selector)
     if head == "procedural":
         return _procedural(rest, selector, by_name)
     if head.endswith(".py"):
@@ -186,7 +165,7 @@ def _random() -> list[ObjectSource]:
 def _from_pack(
     pack_name: str, name: str, paths: list[Path], mass: float | None = None, scale: float = 1.0
 ) -> ObjectSource:
-    from dmfc.objects.mesh import load_mesh
+    from dmfc.objects.mesh_file import load_mesh
 
     pack = get_pack(pack_name)
     content = f"{pack.sha256} {pack.subfolder} {name} {scale} {mass}"
@@ -226,41 +205,6 @@ def _procedural(rest: str, selector: str, by_name: bool) -> list[ObjectSource]:
                 digest=hashlib.sha256(content.encode()).hexdigest(),
                 selector=f"procedural/{name}",
                 loader=functools.partial(procedural.generate, number),
-            )
-        )
-    return sources
-
-
-def _from_folder(rest: str, selector: str) -> list[ObjectSource]:
-    from dmfc.objects.mesh import MESH_SUFFIXES, load_mesh
-
-    text, question, option = rest.partition("?")
-    key, _, unit = option.partition("=")
-    if question and (key != "unit" or unit not in UNITS):
-        raise DmfcError(f"object selector '{selector}': expected ?unit= one of {', '.join(UNITS)}")
-    scale = UNITS[unit] if question else 1.0
-    path = Path(text).expanduser().absolute()
-    if not path.exists():
-        raise DmfcError(f"object selector '{selector}': {path} does not exist")
-    folder = path.parent if path.is_file() else path
-    candidates = [path] if path.is_file() else sorted(path.rglob("*"))
-    files = [p for p in candidates if p.is_file() and p.suffix.lower() in MESH_SUFFIXES]
-    if not files:
-        kinds = " ".join(MESH_SUFFIXES)
-        raise DmfcError(f"object selector '{selector}': no mesh file there (of {kinds})")
-    sources = []
-    for file in files:
-        relative = file.relative_to(folder).with_suffix("").as_posix()
-        name = re.sub(r"[^A-Za-z0-9_.-]+", "-", relative)
-        content = hashlib.sha256(file.read_bytes()).hexdigest() + f" {file.suffix} {scale}"
-        sources.append(
-            ObjectSource(
-                id=f"folder/{name}",
-                licence="user's own",
-                mass=None,
-                digest=hashlib.sha256(content.encode()).hexdigest(),
-                selector=f"folder:{file}" + (f"?unit={unit}" if question else ""),
-                loader=functools.partial(load_mesh, [file], scale),
             )
         )
     return sources

@@ -23,13 +23,14 @@ from dmfc.errors import DmfcError
 from dmfc.files.digest import file_digest
 from dmfc.grasps.library import in_library, library_file, library_folder
 from dmfc.hand.description import own_hand_digest
+from dmfc.network.model_files import WEIGHTS
 from dmfc.pipeline.kinds import KINDS
 
 T = TypeVar("T")
-WEIGHTS = "weights.safetensors"
-"""The file by which a trained model is known."""
 HARD_SAMPLES = "hard_samples", "hard_error", "hard_scope", "rank_points"
 """Settings of `training` that choose hard samples."""
+MOST_SHARDS = 5000
+"""Most stages of one scene set."""
 Inputs = dict[str, Stage | tuple[Stage, ...]]
 
 
@@ -158,9 +159,13 @@ class GraphBuilder:
             config.validation.scenes if split == "validation" else getattr(config.scenes, split)
         )
         setting = "validation.scenes" if split == "validation" else f"scenes.{split}"
-        if chosen.count < 1:
-            raise DmfcError(f"{setting}.count is {chosen.count}: no scenes to make")
-        size = max(1, config.scenes.shard_size)
+        size = config.scenes.shard_size
+        shards = -(-chosen.count // size)
+        if shards > MOST_SHARDS:
+            raise DmfcError(
+                f"{setting}.count {chosen.count:,} in shards of {size:,} makes {shards:,} stages, "
+                f"more than {MOST_SHARDS:,}: raise scenes.shard_size"
+            )
         scenes = without(config.scenes, "train", "test", "shard_size", "augmentation")
         inputs: Inputs = {
             "hand": self.hand(config),
@@ -168,7 +173,7 @@ class GraphBuilder:
             "grasps": self.grasps(config, split),
         }
         # Training goes on without an object that fails; a test without one is another test.
-        hints = {"lacking": "allowed"} if split == "train" else {}
+        tolerant = {"failed_objects": "left out"} if split == "train" else {}
         return tuple(
             self.stage(
                 "scenes",
@@ -178,9 +183,9 @@ class GraphBuilder:
                     "scenes": scenes,
                     "start": start,
                     "stop": min(start + size, chosen.count),
+                    **tolerant,
                 },
                 inputs,
-                hints,
             )
             for start in range(0, chosen.count, size)
         )
@@ -194,7 +199,7 @@ class GraphBuilder:
             q1_upper=0.0,
             confidence=config.losses.weights.confidence,
         )
-        unused = ("q1", "q1_lower", "units", "clamp", "self_collision", "own")
+        unused = ("q1", "q1_lower", "units", "self_collision", "own")
         losses = dataclasses.replace(without(config.losses, *unused), weights=weights)
         settings = {
             **self._learning(config),

@@ -16,9 +16,21 @@ def _training_gpus(config: Config) -> float:
 
 KINDS: Registry = registry(
     StageKind("hand", "dmfc.pipeline.stages:make_hand", version=1),
-    StageKind("object", "dmfc.pipeline.stages:prepare_object", version=1, may_fail=True),
-    StageKind("grasps", "dmfc.pipeline.stages:plan_grasps", version=3, may_fail=True),
-    StageKind("scenes", "dmfc.pipeline.stages:make_scenes", version=2),
+    StageKind(
+        "object",
+        "dmfc.pipeline.stages:prepare_object",
+        version=1,
+        may_fail=True,
+        identity=("object",),
+    ),
+    StageKind(
+        "grasps",
+        "dmfc.pipeline.stages:plan_grasps",
+        version=3,
+        may_fail=True,
+        identity=("object",),
+    ),
+    StageKind("scenes", "dmfc.pipeline.stages:make_scenes", version=2, identity=("start",)),
     StageKind(
         "pretrain",
         "dmfc.pipeline.stages:pretrain",
@@ -33,5 +45,5 @@ KINDS: Registry = registry(
         cpus=_training_cpus,
         gpus=_training_gpus,
     ),
-    StageKind("evaluate", "dmfc.pipeline.stages:evaluate", version=6),
+    StageKind("evaluate", "dmfc.pipeline.stages:evaluate", version=6, identity=("row",)),
 )

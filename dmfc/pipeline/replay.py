@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.stage import Stage
 from dmfc.errors import DmfcError
+from dmfc.pipeline.artifacts import load_trials
 from dmfc.pipeline.stages import evaluation_of
 
 if TYPE_CHECKING:
@@ -114,11 +115,7 @@ def _written(
     ledger: Ledger, stage: Stage, scene: int, trial: int, columns: list[str]
 ) -> dict[str, Any]:
     """What the evaluation wrote of a trial."""
-    import pandas as pd
-
-    from dmfc.execution.evaluate import TRIALS
-
-    rows = pd.read_parquet(ledger.folder(stage.address) / TRIALS).set_index(["scene", "trial"])
+    rows = load_trials(ledger.folder(stage.address)).set_index(["scene", "trial"])
     return rows.loc[(scene, trial), columns].to_dict()
 
 

@@ -6,7 +6,7 @@ Heavy imports are inside the functions, so that a worker loads only what its sta
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -14,15 +14,23 @@ from dmfc.engine.context import StageContext
 from dmfc.engine.ledger import failure_in, read_record
 from dmfc.errors import DmfcError
 from dmfc.files.atomic import write_json
+from dmfc.pipeline.artifacts import (
+    GRASPS,
+    HAND,
+    OBJECT,
+    SCENE_COUNTS,
+    SCENES,
+    Objects,
+    load_grasp_sets,
+    load_hand,
+    load_object,
+    load_scenes,
+)
 
 if TYPE_CHECKING:
     from dmfc.execution.evaluate import Evaluation
-    from dmfc.grasps.grasp_set import GraspSet
     from dmfc.hand.model import HandModel
     from dmfc.objects.atlas import ObjectAtlas
-    from dmfc.objects.model import ObjectModel
-
-HAND, OBJECT, GRASPS, SCENES = "hand.npz", "object.npz", "grasps.parquet", "scenes.parquet"
 
 
 def make_hand(ctx: StageContext) -> None:
@@ -46,12 +54,11 @@ def plan_grasps(ctx: StageContext) -> None:
         return
     from dmfc.grasps.planner import plan
     from dmfc.hand.description import load_description
-    from dmfc.objects.model import ObjectModel
 
     (folder,) = whole([ctx.input("object")])
     found = plan(
-        ObjectModel.load(folder / OBJECT),
-        _hand(ctx),
+        load_object(folder),
+        load_hand(ctx.input("hand")),
         load_description(ctx.config["hand"].name),
         ctx.config["grasps"],
         ctx.config["physics"],
@@ -93,23 +100,22 @@ def make_scenes(ctx: StageContext) -> None:
     """scenes: `scenes.parquet` and `counts.json`."""
     from dmfc.scenes.make import make_scene_file
 
-    given = whole if ctx.hints.get("lacking") != "allowed" else present
+    given = present if ctx.config.get("failed_objects") == "left out" else whole
     counts = make_scene_file(
         ctx.config["scenes"],
         ctx.config["set"],
         range(ctx.config["start"], ctx.config["stop"]),
-        _Objects(given(ctx.input_list("objects"))),
-        _grasp_sets(given(ctx.input_list("grasps"))),
-        _hand(ctx),
+        Objects(given(ctx.input_list("objects"))),
+        load_grasp_sets(given(ctx.input_list("grasps"))),
+        load_hand(ctx.input("hand")),
         ctx.out / SCENES,
         ctx.progress,
     )
-    write_json(ctx.out / "counts.json", counts)
+    write_json(ctx.out / SCENE_COUNTS, counts)
     if ctx.config["start"] == 0:
-        from dmfc.scenes.scene_set import SceneSet
         from dmfc.visualization.scenes import scene_picture
 
-        scene = SceneSet.open([ctx.out / SCENES])[0]
+        scene = load_scenes([ctx.out])[0]
         scene_picture(scene, ctx.out / f"scene_{scene.scene:04d}.png")
 
 
@@ -139,9 +145,7 @@ def evaluation_of(
     """What an evaluation stage executes, from its settings and the folders of its inputs."""
     from dmfc.execution.evaluate import Evaluation
     from dmfc.hand.description import load_description
-    from dmfc.hand.model import HandModel
     from dmfc.network.checkpoint import load_network
-    from dmfc.scenes.scene_set import SceneSet
 
     def one(name: str) -> Path:
         folder = inputs[name]
@@ -155,7 +159,7 @@ def evaluation_of(
 
     row = config["row"]
     hand = dataclasses.replace(
-        HandModel.load(one("hand") / HAND),
+        load_hand(one("hand")),
         opening=config["hand"].opening,
         squeeze=config["hand"].squeeze,
     )
@@ -165,39 +169,15 @@ def evaluation_of(
         network = load_network(weights, hand)
     return Evaluation(
         row=row,
-        scenes=SceneSet.open([one("scenes") / SCENES]),
-        objects=_Objects(several("objects")),
-        grasps=_grasp_sets(several("grasps")) if row == "planner" else None,
+        scenes=load_scenes([one("scenes")]),
+        objects=Objects(several("objects")),
+        grasps=load_grasp_sets(several("grasps")) if row == "planner" else None,
         network=network,
         hand=hand,
         description=load_description(config["hand"].name),
         physics=config["physics"],
         config=config["execution"],
     )
-
-
-class _Objects(Mapping[str, "ObjectModel"]):
-    """Prepared objects by id, each loaded when it is asked for.
-
-    The ids are read from the stages' records, so a scene of one object loads one object.
-    """
-
-    def __init__(self, folders: list[Path]) -> None:
-        self._folders = {_record(folder)["object"]: folder for folder in folders}
-        self._loaded: dict[str, ObjectModel] = {}
-
-    def __getitem__(self, object_id: str) -> ObjectModel:
-        if object_id not in self._loaded:
-            from dmfc.objects.model import ObjectModel
-
-            self._loaded[object_id] = ObjectModel.load(self._folders[object_id] / OBJECT)
-        return self._loaded[object_id]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._folders)
-
-    def __len__(self) -> int:
-        return len(self._folders)
 
 
 def whole(folders: list[Path]) -> list[Path]:
@@ -216,22 +196,8 @@ def present(folders: list[Path]) -> list[Path]:
     return found or whole(folders)
 
 
-def _hand(ctx: StageContext) -> HandModel:
-    from dmfc.hand.model import HandModel
-
-    return HandModel.load(ctx.input("hand") / HAND)
-
-
-def _grasp_sets(folders: list[Path]) -> dict[str, GraspSet]:
-    from dmfc.grasps.grasp_set import GraspSet
-
-    sets = [GraspSet.load(folder / GRASPS) for folder in folders]
-    return {found.object_id: found for found in sets}
-
-
 def _train(ctx: StageContext, stage: Literal["pretrain", "finetune"], weights: Path | None) -> None:
     from dmfc.config.validation import ValidationConfig
-    from dmfc.scenes.scene_set import SceneSet
     from dmfc.training.data import SceneData
     from dmfc.training.fit import fit
     from dmfc.training.settings import FitConfig
@@ -239,20 +205,17 @@ def _train(ctx: StageContext, stage: Literal["pretrain", "finetune"], weights: P
     training = ctx.config["training"]
     check_own_losses(ctx.config.get("own_losses", {}))
     hand, atlas = training_geometry(ctx.inputs)
-    grasps = _grasp_sets(present(ctx.input_list("grasps")))
+    grasps = load_grasp_sets(present(ctx.input_list("grasps")))
     if not any(len(found) for found in grasps.values()):
         raise DmfcError("no training object has a grasp: raise grasps.max_checks")
     validated = "validation" in ctx.config
     if validated:
-        grasps |= _grasp_sets(whole(ctx.input_list("validation_grasps")))
-
-    def scenes(name: str) -> SceneSet:
-        return SceneSet.open([folder / SCENES for folder in ctx.input_list(name)])
+        grasps |= load_grasp_sets(whole(ctx.input_list("validation_grasps")))
 
     data = SceneData(
         ctx.config["scenes"],
         ctx.config["matching"],
-        scenes("scenes"),
+        load_scenes(ctx.input_list("scenes")),
         grasps,
         atlas.ids,
         hand.palm_reference,
@@ -260,7 +223,7 @@ def _train(ctx: StageContext, stage: Literal["pretrain", "finetune"], weights: P
         workers=training.loader_workers,
         seed=training.seed,
         seeds=ctx.config["network"].levels[0],
-        validation=scenes("validation_scenes") if validated else None,
+        validation=load_scenes(ctx.input_list("validation_scenes")) if validated else None,
     )
     validation = ctx.config.get("validation", ValidationConfig())
     config = FitConfig(ctx.config["network"], ctx.config["losses"], training, validation)
@@ -281,7 +244,6 @@ def training_geometry(
     inputs: Mapping[str, Path | list[Path]],
 ) -> tuple[HandModel, ObjectAtlas]:
     """The hand and the objects of a training stage: to train on, then to validate on."""
-    from dmfc.hand.model import HandModel
     from dmfc.objects.atlas import ObjectAtlas
 
     hand, train = inputs["hand"], inputs["objects"]
@@ -289,8 +251,8 @@ def training_geometry(
     assert isinstance(hand, Path)
     assert isinstance(train, list)
     assert isinstance(held_out, list)
-    objects = _Objects([*present(train), *whole(held_out)])
-    return HandModel.load(hand / HAND), ObjectAtlas.of(list(objects.values()))
+    objects = Objects([*present(train), *whole(held_out)])
+    return load_hand(hand), ObjectAtlas.of(list(objects.values()))
 
 
 def data_digest(inputs: Mapping[str, Path | list[Path]]) -> str:

@@ -9,16 +9,18 @@ from typing import Any
 from omegaconf import OmegaConf
 
 from dmfc.config.interpolation import refuse_interpolation
+from dmfc.engine.digest import RECORD
+from dmfc.network.model_files import CONFIG, SUMMARY
 
 UNMEASURED = "This model was not evaluated."
 
 
 def model_card(stage: Path, name: str, measured: str = "") -> str:
     """Markdown for the trained network in the folder `stage`; says only what its files say."""
-    settings: Any = OmegaConf.load(stage / "config.yaml")
-    refuse_interpolation(settings, str(stage / "config.yaml"))
-    record = _json(stage / "stage.json")
-    summary = _json(stage / "summary.json")
+    settings: Any = OmegaConf.load(stage / CONFIG)
+    refuse_interpolation(settings, str(stage / CONFIG))
+    record = _json(stage / RECORD)
+    summary = _json(stage / SUMMARY)
     weights = {**settings.losses.weights, **settings.losses.get("own", {})}
     rows = {
         "network": f"PointNet++, {settings.network.levels[0]} grasps per cloud, "
@@ -61,7 +63,7 @@ Licence: Apache-2.0, as the package.
 
 def _data(stage: Path, record: dict[str, Any]) -> str:
     """What the stages that it was trained on say; they lie beside it in a store."""
-    shards = [_json(stage.parents[1] / a / "stage.json") for a in _inputs(record, "scenes")]
+    shards = [_json(stage.parents[1] / a / RECORD) for a in _inputs(record, "scenes")]
     made = [shard.get("config", {}) for shard in shards]
     if not made or not all(made):
         return "unknown"

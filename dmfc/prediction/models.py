@@ -10,9 +10,10 @@ import shutil
 from pathlib import Path
 
 from dmfc.errors import DmfcError, unknown_name
+from dmfc.network.model_files import CONFIG, WEIGHTS
 
 SHIPPED = Path(__file__).resolve().parents[1] / "models"
-WEIGHTS, CONFIG, CARD, DEFAULT = "weights.safetensors", "config.yaml", "README.md", "default.txt"
+CARD, DEFAULT = "README.md", "default.txt"
 LARGEST_MB = 10
 """Larger weights do not belong in a package."""
 

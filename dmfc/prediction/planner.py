@@ -90,10 +90,11 @@ class GraspPlanner:
             height = np.array([0.0, 0.0, seen[:, 2].min()])  # of the table
             T_table_palm = transform(found.rotation[once], found.position[once] - height)
             once = once[self._cloud_check.clear(T_table_palm, found.joints[once], seen - height)]
-        T_cloud_palm = transform(R_scene_cloud.T @ found.rotation, found.position @ R_scene_cloud)
+        grasps = found[once].in_frame(transform(R_scene_cloud.T, np.zeros(3)))
         return RankedGrasps(
-            T_cloud_palm[once],
-            found.joints[once],
+            grasps.position,
+            grasps.rotation,
+            grasps.joints,
             found.confidence[once],
             point[once],
             self.dof_names,

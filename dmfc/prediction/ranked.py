@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from dmfc.grasps.grasps import Grasps
+
 
 @dataclass(frozen=True)
-class RankedGrasps:
-    """G grasps, the most confident first, in the frame of the cloud. Metres, radians, float64."""
+class RankedGrasps(Grasps):
+    """G grasps, the most confident first, in the frame of the cloud.
 
-    T_cloud_palm: np.ndarray
-    """[G, 4, 4] pose of the hand's palm frame."""
-    joints: np.ndarray
-    """[G, D] within the hand's limits, when the fingers touch."""
+    Joints are within the hand's limits; so the fingers are bent when they touch.
+    """
+
     confidence: np.ndarray
     """[G] in (0, 1)."""
     point: np.ndarray
@@ -29,21 +30,14 @@ class RankedGrasps:
     model: str
     """Name or folder of the model that predicted them."""
 
-    def __len__(self) -> int:
-        return len(self.confidence)
-
-    def __getitem__(self, rows: np.ndarray | slice) -> RankedGrasps:
-        """The grasps of some rows (indices, mask or slice)."""
-        return replace(
-            self,
-            T_cloud_palm=self.T_cloud_palm[rows],
-            joints=self.joints[rows],
-            confidence=self.confidence[rows],
-            point=self.point[rows],
-        )
+    @property
+    def T_cloud_palm(self) -> np.ndarray:
+        """[G, 4, 4] pose of the hand's palm frame."""
+        return self.T
 
     def to_dict(self) -> dict[str, Any]:
         """All of it as JSON's types; a matrix is a list of rows."""
+        T_cloud_palm = self.T
         return {
             "model": self.model,
             "hand": self.hand,
@@ -52,7 +46,7 @@ class RankedGrasps:
                 {
                     "confidence": float(self.confidence[k]),
                     "point": int(self.point[k]),
-                    "T_cloud_palm": self.T_cloud_palm[k].tolist(),
+                    "T_cloud_palm": T_cloud_palm[k].tolist(),
                     "joints": self.joints[k].tolist(),
                 }
                 for k in range(len(self))
@@ -76,8 +70,8 @@ class RankedGrasps:
             object_id=object_id,
             hand=self.hand,
             dof_names=self.dof_names,
-            position=self.T_cloud_palm[:, :3, 3],
-            rotation=self.T_cloud_palm[:, :3, :3],
+            position=self.position,
+            rotation=self.rotation,
             joints=self.joints,
             palm_hit=np.full((count, 3), np.nan),
             q1=unknown,

@@ -9,7 +9,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from dmfc.errors import DmfcError, unknown_name
+from dmfc.errors import DmfcError, one_line, unknown_name
 from dmfc.prediction.pcd import read_pcd
 
 
@@ -26,7 +26,7 @@ def read_cloud(path: Path) -> np.ndarray:
     try:
         return READERS[path.suffix.lower()](path)
     except (OSError, ValueError, KeyError, IndexError, BadZipFile) as error:
-        text = " ".join(str(error).split())[:200]
+        text = one_line(error)
         raise DmfcError(f"{path.name} cannot be read as {path.suffix[1:]}: {text}") from error
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 from rich.console import Console, Group, RenderableType
 from rich.table import Table
@@ -15,8 +14,9 @@ from dmfc.engine.ledger import Ledger
 from dmfc.engine.stage import Stage
 from dmfc.engine.watch import Progress, duration
 from dmfc.engine.worker import Job, Outcome
-from dmfc.report.collect import TRIALS
+from dmfc.pipeline.artifacts import load_trials
 from dmfc.report.rates import Rate
+from dmfc.sweep.record import SweepRecord
 
 LINES = 30
 """Cells shown at once: those at work first."""
@@ -41,17 +41,14 @@ class Board(Progress):
         self,
         ledger: Ledger,
         console: Console,
-        sweeps: Sequence[Mapping[str, Any]],
+        sweeps: Sequence[SweepRecord],
         kinds: Registry,
     ) -> None:
         super().__init__(ledger, console, kinds)
         self._lines = [
-            _Line(
-                f"{sweep['name']} {cell['name']} seed {cell['seed']}",
-                [a for a in (cell["pretrain"], cell["model"], *cell["evaluations"]) if a],
-            )
+            _Line(f"{sweep.name} {cell.name} seed {cell.seed}", cell.stages)
             for sweep in sweeps
-            for cell in sweep["cells"]
+            for cell in sweep.cells
         ]
 
     def begin(self, stages: Sequence[Stage], cpus: int) -> None:
@@ -74,11 +71,9 @@ class Board(Progress):
     def _add(self, line: _Line, address: str) -> None:
         line.done.add(address)
         if address.startswith("evaluate/"):
-            import pyarrow.parquet as pq
-
-            held = pq.read_table(self._ledger.folder(address) / TRIALS, columns=["held"])
-            line.held += sum(held["held"].to_pylist())
-            line.trials += len(held)
+            rows = load_trials(self._ledger.folder(address), ["held"])
+            line.held += int(rows["held"].sum())
+            line.trials += len(rows)
 
     def _shown(self) -> RenderableType:
         return Group(super()._shown(), self.cells())

@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
-
-import pandas as pd
 
 from dmfc.engine.ledger import Ledger
 from dmfc.errors import DmfcError, unknown_name
 from dmfc.files.atomic import write_json
+from dmfc.pipeline.artifacts import TRIALS, load_trials
 from dmfc.report.formats import to_csv, to_json, to_latex, to_markdown
 from dmfc.report.rates import concatenate
 from dmfc.report.table import CellRows, SweepTable, make_table
 from dmfc.report.trials import SearchTrial, read_trials, trials_to_csv
-
-TRIALS = "trials.parquet"
+from dmfc.sweep.record import SWEEP, CellRecord, SweepRecord
 
 
 def list_sweeps(ledger: Ledger) -> list[str]:
     """Ids of the sweeps in a store, the latest last."""
-    found = (ledger.store / "sweeps").glob("*/sweep.json")
+    found = (ledger.store / "sweeps").glob(f"*/{SWEEP}")
     return [path.parent.name for path in sorted(found, key=lambda path: path.stat().st_mtime)]
 
 
@@ -41,24 +37,24 @@ def resolve_sweeps(ledger: Ledger, names: Sequence[str] | None = None) -> list[s
     return [latest.get(name, name) for name in names or sorted(latest)]
 
 
-def read_sweep(ledger: Ledger, sweep_id: str) -> dict[str, Any]:
-    """The `sweep.json` of a sweep. Raises DmfcError naming the nearest id."""
-    path = ledger.store / "sweeps" / sweep_id / "sweep.json"
-    if not path.is_file():
+def read_sweep(ledger: Ledger, sweep_id: str) -> SweepRecord:
+    """The record of a sweep. Raises DmfcError naming the nearest id, or for one that is damaged."""
+    folder = ledger.store / "sweeps" / sweep_id
+    if not (folder / SWEEP).is_file():
         raise unknown_name("sweep", sweep_id, list_sweeps(ledger))
-    return json.loads(path.read_text())
+    return SweepRecord.load(folder)
 
 
 def collect(
-    ledger: Ledger, sweep: Mapping[str, Any], failures: Mapping[str, str] | None = None
+    ledger: Ledger, sweep: SweepRecord, failures: Mapping[str, str] | None = None
 ) -> list[CellRows]:
     """The rows of every cell that is executed. `failures` gives reasons by address of a stage."""
-    cells = [cell for cell in sweep["cells"] if cell["evaluations"]]
+    cells = [cell for cell in sweep.cells if cell.evaluations]
     return [cell_rows(ledger, cell, failures or {}) for cell in cells]
 
 
 def table_of(
-    ledger: Ledger, sweep: Mapping[str, Any], failures: Mapping[str, str] | None = None
+    ledger: Ledger, sweep: SweepRecord, failures: Mapping[str, str] | None = None
 ) -> SweepTable:
     """The table of a sweep from what is in the ledger."""
     trials = read_trials(ledger, sweep, failures or {})
@@ -66,16 +62,16 @@ def table_of(
 
 
 def table_from(
-    cells: Sequence[CellRows], sweep: Mapping[str, Any], trials: Sequence[SearchTrial] = ()
+    cells: Sequence[CellRows], sweep: SweepRecord, trials: Sequence[SearchTrial] = ()
 ) -> SweepTable:
     """The table of a sweep from the rows of its cells, and from the trials of a search."""
     return make_table(
         cells,
-        id=sweep["id"],
-        name=sweep["name"],
-        title=sweep["title"],
-        preset=sweep["preset"] or "defaults",
-        show=sweep["show"],
+        id=sweep.id,
+        name=sweep.name,
+        title=sweep.title,
+        preset=sweep.preset or "defaults",
+        show=sweep.show,
         trials=trials,
     )
 
@@ -99,31 +95,24 @@ def write_table(ledger: Ledger, table: SweepTable, rows: list[CellRows]) -> list
     return [*paths, folder / "table.json", folder / TRIALS]
 
 
-def cell_rows(ledger: Ledger, cell: Mapping[str, Any], failures: Mapping[str, str]) -> CellRows:
+def cell_rows(ledger: Ledger, cell: CellRecord, failures: Mapping[str, str]) -> CellRows:
     """The trial rows of one cell at one seed, and why some are missing."""
     parts, missing = [], []
-    for address in cell["evaluations"]:
+    for address in cell.evaluations:
         if ledger.finished(address):
-            parts.append(_read_rows(ledger.folder(address) / TRIALS))
+            parts.append(load_trials(ledger.folder(address)))
         else:
             missing.append(failures.get(address, "not run yet"))
     failure = ""
     if missing:
         told = "; ".join(dict.fromkeys(missing))
-        failure = f"{len(missing)} of {len(cell['evaluations'])} shards missing: {told}"
+        failure = f"{len(missing)} of {len(cell.evaluations)} shards missing: {told}"
     return CellRows(
-        name=cell["name"],
-        label=cell["label"],
-        seed=cell["seed"],
-        trials=cell["trials"],
+        name=cell.name,
+        label=cell.label,
+        seed=cell.seed,
+        trials=cell.trials,
         rows=concatenate(parts),
-        paper={name: (pair[0], pair[1]) for name, pair in cell["paper"].items()},
+        paper=cell.paper,
         failure=failure,
     )
-
-
-def _read_rows(path: Path) -> pd.DataFrame:
-    try:
-        return pd.read_parquet(path)
-    except (OSError, ValueError) as error:
-        raise DmfcError(f"trial rows '{path}' cannot be read: {error}") from error

@@ -2,35 +2,33 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from dmfc.engine.ledger import Ledger
+from dmfc.pipeline.artifacts import load_metrics
 from dmfc.report.figure import plain_text
+from dmfc.sweep.record import SweepRecord
 
-METRICS = "metrics.jsonl"
 STAGES = ("pretrain", "finetune")
 
 
 @plain_text
-def draw_curves(ledger: Ledger, sweep: Mapping[str, Any], path: Path) -> bool:
+def draw_curves(ledger: Ledger, sweep: SweepRecord, path: Path) -> bool:
     """Write the picture as PNG: a panel per stage. False, and no picture, if no model is there."""
     curves: dict[str, dict[str, tuple[str, list[tuple[int, float]]]]] = {s: {} for s in STAGES}
-    for cell in sweep["cells"]:
-        for address in (cell["pretrain"], cell["model"]):
+    for cell in sweep.cells:
+        for address in (cell.pretrain, cell.model):
             if not address or not ledger.finished(address):
                 continue
             stage = address.partition("/")[0]
             shared = stage == "pretrain"
-            name = "all cells" if shared else cell["label"]
-            points = _losses(ledger.folder(address) / METRICS)
-            curves[stage].setdefault(address, (f"{name}, seed {cell['seed']}", points))
+            name = "all cells" if shared else cell.label
+            points = _losses(ledger.folder(address))
+            curves[stage].setdefault(address, (f"{name}, seed {cell.seed}", points))
     panels = [stage for stage in STAGES if curves[stage]]
     if not panels:
         return False
@@ -58,7 +56,7 @@ def draw_curves(ledger: Ledger, sweep: Mapping[str, Any], path: Path) -> bool:
     return True
 
 
-def _losses(path: Path) -> list[tuple[int, float]]:
+def _losses(folder: Path) -> list[tuple[int, float]]:
     """Epochs (from 1) and the training loss of each."""
-    lines = [json.loads(line) for line in path.read_text().splitlines()]
+    lines = load_metrics(folder)
     return [(line["epoch"] + 1, line["loss"]) for line in lines if line["split"] == "train"]

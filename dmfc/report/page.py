@@ -26,6 +26,7 @@ from dmfc.report.rates import CONFIDENCE, Rate, concatenate
 from dmfc.report.table import NAMES, CellRows, SweepTable, TableRow
 from dmfc.report.trial_figure import draw_trials
 from dmfc.report.trials import trial_lines
+from dmfc.sweep.record import SweepRecord
 
 PAGE = "table.html"
 MARKER = "tracked.json"
@@ -38,7 +39,7 @@ CHANGES = 6
 
 def write_page(
     ledger: Ledger,
-    sweep: Mapping[str, Any],
+    sweep: SweepRecord,
     table: SweepTable,
     cells: Sequence[CellRows],
     figures: Sequence[Mapping[str, str]],
@@ -47,7 +48,7 @@ def write_page(
     folder = ledger.store / "sweeps" / table.id
     marker = folder / MARKER
     tracked = json.loads(marker.read_text()) if marker.is_file() else {}
-    base = next(row for row in table.rows if row.name == sweep["baseline"])
+    base = next(row for row in table.rows if row.name == sweep.baseline)
     text = _template().render(
         table=table,
         status=read_state(folder).status,
@@ -68,9 +69,7 @@ def write_page(
     return path
 
 
-def draw_figures(
-    ledger: Ledger, sweep: Mapping[str, Any], table: SweepTable
-) -> list[dict[str, str]]:
+def draw_figures(ledger: Ledger, sweep: SweepRecord, table: SweepTable) -> list[dict[str, str]]:
     """Draw `table.png` and `curves.png` into the sweep's folder; all figures as text for a page."""
     folder = ledger.store / "sweeps" / table.id
     draw_rates(table, folder / "table.png")
@@ -226,20 +225,19 @@ def _call(call: Mapping[str, Any]) -> dict[str, Any]:
     return {"diff": None, **call, "started": started, **told}
 
 
-def _settings(sweep: Mapping[str, Any]) -> list[dict[str, Any]]:
+def _settings(sweep: SweepRecord) -> list[dict[str, Any]]:
     """Each cell's stages, and how its settings differ from those of the first."""
-    first = sweep["cells"][0]["config"]
+    first = sweep.cells[0].config
     described = []
-    for cell in sweep["cells"]:
-        changes = list(differences(first, cell["config"]))
+    for cell in sweep.cells:
+        changes = list(differences(first, cell.config))
         shown = "; ".join(changes[:CHANGES])
         more = f"; and {len(changes) - CHANGES} more" if len(changes) > CHANGES else ""
-        stages = [cell["pretrain"], cell["model"], *cell["evaluations"]]
         described.append(
             {
-                "label": f"{cell['label']}, seed {cell['seed']}",
+                "label": f"{cell.label}, seed {cell.seed}",
                 "changes": shown + more,
-                "stages": [address for address in stages if address],
+                "stages": cell.stages,
             }
         )
     return described

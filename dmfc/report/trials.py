@@ -12,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from dmfc.engine.ledger import Ledger
+from dmfc.sweep.record import SearchRecord, SweepRecord
 from dmfc.sweep.search import measures_of, objective_of
 
 
@@ -29,16 +30,16 @@ class SearchTrial:
 
 
 def read_trials(
-    ledger: Ledger, sweep: Mapping[str, Any], failures: Mapping[str, str]
+    ledger: Ledger, sweep: SweepRecord, failures: Mapping[str, str]
 ) -> list[SearchTrial]:
     """The trials of a sweep as the ledger holds them; empty for a sweep that is no search."""
-    search = sweep.get("search")
-    if not search:
+    search = sweep.search
+    if search is None:
         return []
     models: dict[str, list[str]] = {}
-    for cell in sweep["cells"]:
-        if cell["objective"]:
-            models.setdefault(cell["name"], []).append(cell["model"])
+    for cell in sweep.cells:
+        if cell.objective and cell.model:
+            models.setdefault(cell.name, []).append(cell.model)
     return [
         _trial(ledger, name, models[name], place, search, failures)
         for place, name in enumerate(models)
@@ -87,19 +88,19 @@ def _trial(
     name: str,
     models: Sequence[str],
     place: int,
-    search: Mapping[str, Any],
+    search: SearchRecord,
     failures: Mapping[str, str],
 ) -> SearchTrial:
-    settings, best = search["trials"][place], search["best"] == place
+    settings, best = search.trials[place], search.best == place
     missing = [model for model in models if not ledger.finished(model)]
     if missing:
         reason = failures.get(missing[0], "not run yet")
         return SearchTrial(name, settings, None, best, failure=reason)
-    values = [objective_of(ledger, model, search["objective"]) for model in models]
+    values = [objective_of(ledger, model, search.objective) for model in models]
     found = [measures_of(ledger, model) for model in models]
     means = {
         measure: sum(each[measure] for each in found) / len(found)
-        for measure in search["objective"]
+        for measure in search.objective
         if all(measure in each for each in found)
     }
     known = [value for value in values if value is not None]

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, cKDTree
 
 from dmfc.config.scenes import ScenesConfig
-from dmfc.errors import DmfcError
+from dmfc.errors import DmfcError, first_line
 from dmfc.geometry.points import choose
 from dmfc.objects.sources import UNITS
 from dmfc.scenes.scene_set import Scene, write_shard
@@ -48,7 +48,7 @@ def read_cloud(path: Path, unit: str = "m") -> np.ndarray:
             values = np.loadtxt(path, delimiter="," if suffix == ".csv" else None, ndmin=2)
         points = np.asarray(values, dtype=np.float64)
     except (OSError, ValueError, AttributeError) as error:
-        raise DmfcError(f"cloud {path} cannot be read: {str(error).splitlines()[0]}") from error
+        raise DmfcError(f"cloud {path} cannot be read: {first_line(error)}") from error
     if points.ndim != 2 or points.shape[1] < 3 or not len(points):
         raise DmfcError(f"cloud {path} holds {points.shape} numbers, not points x y z")
     points = points[:, :3] * UNITS[unit]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -16,73 +16,15 @@ from dmfc.hand.model import HandModel
 from dmfc.objects.model import ObjectModel
 from dmfc.scenes.augment import kept_points, sensor_errors
 from dmfc.scenes.labels import REASONS, HandAtGrasps, Labels, surviving_labels
-from dmfc.scenes.layout import choose_objects, make_layout
+from dmfc.scenes.layout import make_layout
 from dmfc.scenes.placement import CollisionWorld
 from dmfc.scenes.scene_set import Scene, write_shard
 from dmfc.sensing.cameras import table_cameras
-from dmfc.sensing.cloud import Cloud, fuse_views, surface
-from dmfc.sensing.depth import encode, object_pixels
+from dmfc.sensing.cloud import Cloud, fuse_views
 from dmfc.sensing.render import Renderer, View, open_renderer
 
-Which = Literal["train", "test"]
 Progress = Callable[[float, str], None]
 _CLOUD, _SENSOR = 3, 4  # random streams of a scene, beside those of `dmfc.scenes.layout`
-
-
-def set_config(config: ScenesConfig, which: Which) -> SceneSetConfig:
-    """Settings of the training or the test scenes."""
-    return config.train if which == "train" else config.test
-
-
-def shard_count(config: ScenesConfig, which: Which) -> int:
-    """Number of shards of a set. Raises DmfcError for a set or shards without scenes."""
-    count = set_config(config, which).count
-    if count < 1 or config.shard_size < 1:
-        raise DmfcError(
-            f"{count} scenes in shards of {config.shard_size} make no scene set "
-            f"(settings scenes.{which}.count, scenes.shard_size)"
-        )
-    return -(-count // config.shard_size)
-
-
-def shard_scenes(config: ScenesConfig, which: Which, shard: int) -> range:
-    """Numbers of the scenes of a shard. Raises DmfcError if there is no such shard."""
-    if not 0 <= shard < shard_count(config, which):
-        raise DmfcError(
-            f"no shard {shard}: the {which} set has {shard_count(config, which)} "
-            f"(settings scenes.{which}.count, scenes.shard_size)"
-        )
-    first = shard * config.shard_size
-    return range(first, min(first + config.shard_size, set_config(config, which).count))
-
-
-def shard_objects(
-    config: ScenesConfig, which: Which, shard: int, object_ids: Sequence[str]
-) -> list[str]:
-    """The objects, of all those of the set, that the scenes of a shard hold: all it must load."""
-    scenes = set_config(config, which)
-    used = {
-        name
-        for scene in shard_scenes(config, which, shard)
-        for name in choose_objects(scenes, object_ids, scene)
-    }
-    return sorted(used)
-
-
-def make_shard(
-    config: ScenesConfig,
-    which: Which,
-    shard: int,
-    objects: Mapping[str, ObjectModel],
-    grasps: Mapping[str, GraspSet] | None,
-    hand: HandModel | None,
-    out: Path,
-    progress: Progress = lambda fraction, message: None,
-) -> dict[str, int]:
-    """Shard number `shard` of the training or the test set: see `make_scene_file`."""
-    numbers = shard_scenes(config, which, shard)
-    scenes = set_config(config, which)
-    return make_scene_file(config, scenes, numbers, objects, grasps, hand, out, progress)
 
 
 def make_scene_file(
@@ -168,7 +110,6 @@ class SceneMaker:
             T_world_object=T_world_object,
             **_fields(cloud),
             **_fields(labels),
-            depth=self._depth(views, models, T_world_object),
         )
 
     def _observed(self, cloud: Cloud, number: int) -> Cloud:
@@ -189,16 +130,6 @@ class SceneMaker:
             cloud.point_object[kept],
             cloud.point_camera[kept],
         )
-
-    def _depth(
-        self, views: Sequence[View], models: Sequence[ObjectModel], T_world_object: np.ndarray
-    ) -> bytes:
-        """The depth images to be kept, if they are."""
-        if self.config.depth == "rebuild":
-            return b""
-        pixels = object_pixels(views)
-        normals = surface(pixels, self.cameras, models, T_world_object)[1]
-        return encode(pixels, normals, *views[0].depth.shape)
 
     def views(self, models: Sequence[ObjectModel], T_world_object: np.ndarray) -> list[View]:
         """The depth images of objects at T_world_object [k, 4, 4], one per camera."""

@@ -53,16 +53,6 @@ def match_grasps(
     return matched
 
 
-def positive_rates(matched: np.ndarray) -> tuple[float, float]:
-    """Fraction of points with a grasp, and of grasps with a point, of a table [S, G] (0 if empty).
-
-    A grasp that matches no point is lost supervision.
-    """
-    if matched.size == 0:
-        return 0.0, 0.0
-    return float(matched.any(1).mean()), float(matched.any(0).mean())
-
-
 def _squared_distance(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
     """Of points [n, 3] from the segments start..end, [g, 3] each: [n, g]; NaN where an end is."""
     along = end - start

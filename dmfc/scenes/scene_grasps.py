@@ -9,18 +9,13 @@ import numpy as np
 
 from dmfc.geometry import transforms
 from dmfc.grasps.grasp_set import GraspSet
+from dmfc.grasps.grasps import Grasps
 
 
 @dataclass(frozen=True)
-class SceneGrasps:
-    """n grasps in the world frame, float64."""
+class SceneGrasps(Grasps):
+    """n grasps in the world frame."""
 
-    position: np.ndarray
-    """[n, 3] palm origin."""
-    rotation: np.ndarray
-    """[n, 3, 3] R_world_palm."""
-    joints: np.ndarray
-    """[n, D] rad."""
     palm_reference: np.ndarray
     """[n, 3] reference point on the palm."""
     palm_hit: np.ndarray
@@ -46,14 +41,12 @@ def grasps_in_scene(
         rows = grasp_index[grasp_object == index]
         if len(rows) == 0:
             continue
-        own = grasps[object_id]
-        T = T_world_object[index]
-        position = transforms.apply(T, own.position[rows])
-        rotation = T[:3, :3] @ own.rotation[rows]
-        hit = transforms.apply(T, own.palm_hit[rows])
-        reference = position + rotation @ palm_reference
+        labels, T = grasps[object_id][rows], T_world_object[index]
+        found = labels.in_frame(T)
+        hit = transforms.apply(T, labels.palm_hit)
+        reference = found.position + found.rotation @ palm_reference
         where = np.full(len(rows), index)
-        parts.append((position, rotation, own.joints[rows], reference, hit, where))
+        parts.append((found.position, found.rotation, found.joints, reference, hit, where))
     if not parts:
         dofs = next((len(own.dof_names) for own in grasps.values()), 0)
         none = np.zeros((0, 3))

@@ -17,7 +17,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from dmfc.errors import DmfcError
+from dmfc.errors import DmfcError, first_line
 from dmfc.files.storage import located
 
 VERSION = 2
@@ -51,8 +51,6 @@ class Scene:
     """[n] int32: row of that object's grasp set."""
     dropped: dict[str, int]
     """Reason -> labels that were dropped."""
-    depth: bytes = b""
-    """The depth images (`dmfc.sensing.depth.decode`); empty where they are not kept."""
 
 
 _SCHEMA = pa.schema(
@@ -69,7 +67,6 @@ _SCHEMA = pa.schema(
         ("grasp_object", pa.list_(pa.uint8())),
         ("grasp_index", pa.list_(pa.int32())),
         ("dropped", pa.string()),
-        ("depth", pa.binary()),
     ]
 )
 
@@ -185,7 +182,7 @@ class _Shard:
         except FileNotFoundError as error:
             raise DmfcError(f"scene shard {self.path} does not exist") from error
         except (OSError, pa.ArrowException) as error:
-            reason = str(error).splitlines()[0]
+            reason = first_line(error)
             raise DmfcError(
                 f"scene shard {self.path} is damaged or cut short ({reason}); "
                 "`dmfc scenes make` makes it again"
@@ -210,7 +207,6 @@ def _row(scene: Scene) -> dict[str, Any]:
         "grasp_object": scene.grasp_object,
         "grasp_index": scene.grasp_index,
         "dropped": json.dumps(scene.dropped, sort_keys=True),
-        "depth": scene.depth,
     }
 
 
@@ -231,5 +227,4 @@ def _scene(table: pa.Table, row: int) -> Scene:
         grasp_object=array("grasp_object"),
         grasp_index=array("grasp_index"),
         dropped=json.loads(table["dropped"][row].as_py()),
-        depth=table["depth"][row].as_py(),
     )

@@ -18,12 +18,16 @@ The name of a cell joins the names of its values by '+'; with all of them '-' it
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Mapping
 from typing import Any
 
 from dmfc.errors import DmfcError, unknown_name
+from dmfc.sweep.yaml_checks import mapping, shortened
 
 UNNAMED, NOTHING, JOIN = "-", "none", "+"
+MOST_CELLS = 2000
+"""Most combinations of a matrix, and most cells times seeds of a sweep."""
 Values = dict[str, Mapping[str, Any]]
 """Settings by the name of a value."""
 
@@ -35,8 +39,14 @@ def expand(matrix: Mapping[str, Any], where: str) -> dict[str, dict[str, Any]]:
     and if none is left.
     """
     axes = {str(name): _values(str(name), given, where) for name, given in _axes(matrix, where)}
-    excluded = [_exclusion(item, axes, where) for item in matrix.get("exclude") or ()]
-    added = dict(matrix.get("cells") or {})
+    combinations = math.prod(len(values) for values in axes.values())
+    if combinations > MOST_CELLS:
+        raise DmfcError(f"{where}: {combinations:,} combinations, more than {MOST_CELLS:,}")
+    excluded = [_exclusion(item, axes, where) for item in _exclusions(matrix, where)]
+    added = {
+        str(name): mapping(cell or {}, f"{where}: cell '{name}'")
+        for name, cell in mapping(matrix.get("cells") or {}, f"{where}: cells").items()
+    }
     cells: dict[str, dict[str, Any]] = {}
     for names in itertools.product(*axes.values()):
         chosen = dict(zip(axes, names, strict=True))
@@ -49,7 +59,7 @@ def expand(matrix: Mapping[str, Any], where: str) -> dict[str, dict[str, Any]]:
             "label": name.replace(JOIN, f" {JOIN} "),
             "model": matrix.get("model", "finetuned"),
             "set": _together(axes, chosen, where),
-            **(added.pop(name, None) or {}),
+            **added.pop(name, {}),
         }
     if not cells:
         raise DmfcError(f"{where}: every combination is excluded")
@@ -65,6 +75,13 @@ def _axes(matrix: Mapping[str, Any], where: str) -> list[tuple[str, Any]]:
     return list(axes.items())
 
 
+def _exclusions(matrix: Mapping[str, Any], where: str) -> list[Any]:
+    excluded = matrix.get("exclude") or []
+    if not isinstance(excluded, list):
+        raise DmfcError(f"{where}: exclude wants a list of combinations, not {shortened(excluded)}")
+    return excluded
+
+
 def _values(axis: str, given: Any, where: str) -> Values:
     if isinstance(given, list) and given:
         short = axis.rpartition(".")[2]
@@ -72,16 +89,20 @@ def _values(axis: str, given: Any, where: str) -> Values:
     if isinstance(given, Mapping) and given:
         for name, settings in given.items():
             if not isinstance(settings, Mapping | None):
-                raise DmfcError(f"{where}: {axis}: {name} wants settings, not {settings!r}")
+                raise DmfcError(
+                    f"{where}: {axis}: {name} wants settings, not {shortened(settings)}"
+                )
         return {str(name): settings or {} for name, settings in given.items()}
-    raise DmfcError(f"{where}: {axis} wants a list of values, or values by name, not {given!r}")
+    raise DmfcError(
+        f"{where}: {axis} wants a list of values, or values by name, not {shortened(given)}"
+    )
 
 
 def _exclusion(item: Any, axes: Mapping[str, Values], where: str) -> dict[str, str]:
     """The names of the values that are not to be combined."""
     where = f"{where}: exclude"
     if not isinstance(item, Mapping) or not item:
-        raise DmfcError(f"{where}: wants axes with a value each, not {item!r}")
+        raise DmfcError(f"{where}: wants axes with a value each, not {shortened(item)}")
     found = {}
     for axis, value in item.items():
         if axis not in axes:

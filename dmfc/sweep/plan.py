@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +13,8 @@ from dmfc.config.schema import Config
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.stage import Stage, closure, plain
 from dmfc.errors import masked
-from dmfc.files.atomic import write_json
 from dmfc.pipeline.graph import CellStages, GraphBuilder
+from dmfc.sweep.record import CellRecord, DataRecord, SearchRecord, SweepRecord
 from dmfc.sweep.sweep_file import Cell, Sweep, cell_config
 
 
@@ -49,8 +49,8 @@ class SweepPlan:
     cells: tuple[CellPlan, ...]
     identity: Any = None
     """What the id is made of; None: the cells."""
-    search: Mapping[str, Any] = field(default_factory=dict)
-    """Of a search: objective, space, trials wanted, the settings of each so far, the best one."""
+    search: SearchRecord | None = None
+    """Of a search: what is known of it yet."""
     given_up: frozenset[str] = frozenset()
     """Stages that failed before the plan grew, and are not tried again in this call."""
     grow: Callable[[Collection[str]], SweepPlan | None] = lambda failed: None
@@ -82,51 +82,25 @@ class SweepPlan:
         return ledger.store / "sweeps" / self.id
 
     def write(self, ledger: Ledger) -> Path:
-        """Write `sweep.json`, from which tables and tracking are made later."""
+        """Write the record of the sweep into its folder, from which tables are made later."""
         folder = self.folder(ledger)
-        folder.mkdir(parents=True, exist_ok=True)
-        write_json(folder / "sweep.json", self.describe())
+        self.record().save(folder)
         return folder
 
-    def describe(self) -> dict[str, Any]:
-        """The plan as JSON."""
-        return {
-            "version": 1,
-            "id": self.id,
-            "name": self.sweep.name,
-            "title": self.sweep.title,
-            "file": str(self.sweep.path),
-            "preset": self.preset,
-            "baseline": self.sweep.baseline,
-            "show": list(self.sweep.show),
-            **({"search": dict(self.search)} if self.search else {}),
-            "cells": [_describe_cell(plan) for plan in self.cells],
-            "stages": {stage.address: stage.name for stage in closure(self._last)},
-        }
-
-
-def plan_sweep(
-    sweep: Sweep,
-    builder: GraphBuilder,
-    preset: str | None,
-    overrides: Sequence[str] = (),
-    ledger: Ledger | None = None,
-) -> SweepPlan:
-    """Resolve every cell at every seed. Raises DmfcError on the first setting that is wrong.
-
-    A search needs the `ledger` too: what it tries next depends on what it has found.
-    """
-    if sweep.search is not None:
-        from dmfc.sweep.search_plan import SearchPlanner
-
-        assert ledger is not None, "a search is planned with its ledger"
-        return SearchPlanner(sweep, builder, preset, overrides, ledger).now()
-    cells = [
-        plan_cell(sweep, cell, seed, builder, preset, overrides)
-        for seed in sweep.seeds
-        for cell in sweep.cells
-    ]
-    return SweepPlan(sweep, preset, tuple(cells))
+    def record(self) -> SweepRecord:
+        """What the store keeps of the plan."""
+        return SweepRecord(
+            id=self.id,
+            name=self.sweep.name,
+            title=self.sweep.title,
+            file=str(self.sweep.path),
+            preset=self.preset,
+            baseline=self.sweep.baseline,
+            show=tuple(self.sweep.show),
+            cells=tuple(_cell_record(plan) for plan in self.cells),
+            stages={stage.address: stage.name for stage in closure(self._last)},
+            search=self.search,
+        )
 
 
 def plan_cell(
@@ -145,22 +119,22 @@ def plan_cell(
     return CellPlan(cell, seed, config, stages)
 
 
-def _describe_cell(plan: CellPlan) -> dict[str, Any]:
-    return {
-        "name": plan.cell.name,
-        "label": plan.cell.label,
-        "kind": plan.cell.model,
-        "paper": {name: list(pair) for name, pair in plan.cell.paper.items()},
-        "objective": dict(plan.cell.objective),
-        "seed": plan.seed,
-        "trials": plan.trials,
-        "grasps_per_scene": plan.config.execution.grasps_per_scene,
-        "model": plan.stages.model.address if plan.stages.model else None,
-        "pretrain": _pretraining(plan.stages.model),
-        "evaluations": [stage.address for stage in plan.stages.evaluations],
-        "data": _data(plan),
-        "config": _masked(plain(plan.config)),
-    }
+def _cell_record(plan: CellPlan) -> CellRecord:
+    return CellRecord(
+        name=plan.cell.name,
+        label=plan.cell.label,
+        kind=plan.cell.model,
+        seed=plan.seed,
+        trials=plan.trials,
+        model=plan.stages.model.address if plan.stages.model else None,
+        pretrain=_pretraining(plan.stages.model),
+        evaluations=tuple(stage.address for stage in plan.stages.evaluations),
+        config=_masked(plain(plan.config)),
+        grasps_per_scene=plan.config.execution.grasps_per_scene,
+        paper=dict(plan.cell.paper),
+        objective=dict(plan.cell.objective),
+        data=_data(plan),
+    )
 
 
 def _masked(value: Any) -> Any:
@@ -170,7 +144,7 @@ def _masked(value: Any) -> Any:
     return masked(value) if isinstance(value, str) else value
 
 
-def _data(plan: CellPlan) -> list[dict[str, Any]]:
+def _data(plan: CellPlan) -> tuple[DataRecord, ...]:
     """The scene sets that a cell learns from and is tested on, by their stages."""
     shards: dict[str, list[str]] = {"training": [], "testing": []}
     for stage in (plan.stages.model, *plan.stages.evaluations):
@@ -179,11 +153,11 @@ def _data(plan: CellPlan) -> list[dict[str, Any]]:
         for shard in scenes if isinstance(scenes, tuple) else (scenes,):
             shards[context].append(shard.address)
     kinds = {"training": plan.config.scenes.train.kind, "testing": plan.config.scenes.test.kind}
-    return [
-        {"context": context, "name": f"{kinds[context]} scenes", "stages": addresses}
+    return tuple(
+        DataRecord(context, f"{kinds[context]} scenes", tuple(addresses))
         for context, addresses in shards.items()
         if addresses
-    ]
+    )
 
 
 def _pretraining(model: Stage | None) -> str | None:

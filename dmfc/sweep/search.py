@@ -1,4 +1,4 @@
-"""A search: Optuna, through Ray Tune's searcher, suggests settings; validation says how good.
+"""A search: Optuna suggests settings; validation says how good they are.
 
     kind: search
     search:
@@ -15,21 +15,25 @@ state but its trials' settings: it goes on after any death, on any machine that 
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from dmfc.config.load import checked
+from dmfc.config.ranges import all_types
+from dmfc.config.setting import GREATEST_SEED
 from dmfc.config.validation import MEASURES
 from dmfc.engine.ledger import Ledger
 from dmfc.errors import DmfcError, unknown_name
-from dmfc.sweep.yaml_checks import mapping, only_keys
+from dmfc.pipeline.artifacts import load_metrics
+from dmfc.sweep.yaml_checks import mapping, only_keys, shortened
 
 DIGITS = 4
 """Significant digits of a suggested number: what a person can read, and copy into a sweep file."""
-METRICS = "metrics.jsonl"
 Settings = Mapping[str, Any]
+COUNTS = {"trials": (1, 100_000), "parallel": (1, 1000), "seed": (0, GREATEST_SEED)}
+"""Least and greatest of each number of a search."""
 
 
 @dataclass(frozen=True)
@@ -58,11 +62,13 @@ def parse_search(given: Any, where: str) -> Search:
     """The `search` of a sweep file. Raises DmfcError on anything odd in it."""
     values = mapping(given, where)
     only_keys(values, ("trials", "parallel", "seed", "objective", "space"), where)
-    counts = {"trials": 1, "parallel": 1, "seed": 0}
-    for name, least in counts.items():
+    for name, (least, greatest) in COUNTS.items():
         number = values.get(name, least)
-        if not isinstance(number, int) or isinstance(number, bool) or number < least:
-            raise DmfcError(f"{where}: {name} wants a whole number from {least}, not {number!r}")
+        if type(number) is not int or not least <= number <= greatest:
+            raise DmfcError(
+                f"{where}: {name} wants a whole number from {least} to {greatest}, not "
+                f"{shortened(number)}"
+            )
     if "trials" not in values:
         raise DmfcError(f"{where}: wants 'trials', how many to make")
     objective = mapping(values.get("objective") or {}, f"{where}: objective")
@@ -72,11 +78,11 @@ def parse_search(given: Any, where: str) -> Search:
     for name, weight in objective.items():
         if name not in MEASURES:
             raise DmfcError(f"{where}: {unknown_name('validation measure', str(name), MEASURES)}")
-        if not isinstance(weight, int | float) or isinstance(weight, bool):
-            raise DmfcError(f"{where}: objective: {name} wants a number, not {weight!r}")
+        if type(weight) not in (int, float) or not math.isfinite(weight):
+            raise DmfcError(f"{where}: objective: {name} wants a number, not {shortened(weight)}")
     return Search(
         trials=values["trials"],
-        space={str(name): _domain(item, f"{where}: {name}") for name, item in space.items()},
+        space={str(name): _domain(str(name), item, where) for name, item in space.items()},
         objective={str(name): float(weight) for name, weight in objective.items()},
         parallel=values.get("parallel", 1),
         seed=values.get("seed", 0),
@@ -90,7 +96,7 @@ def suggest(
     import numpy as np
     import optuna
     from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution
-    from ray.tune.search.optuna import OptunaSearch
+    from optuna.trial import TrialState, create_trial
 
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     space: dict[str, BaseDistribution] = {
@@ -102,12 +108,14 @@ def suggest(
     # Each round draws other numbers, and the same ones whenever it is drawn again.
     drawn = np.random.SeedSequence([search.seed, len(told)]).generate_state(1)
     sampler = optuna.samplers.TPESampler(seed=int(drawn[0]), constant_liar=True)
-    searcher = OptunaSearch(space=space, metric="objective", mode="max", sampler=sampler)
+    study = optuna.create_study(direction="maximize", sampler=sampler)
     for settings, value in told:
         # As pruned: Optuna forgets what failed, and would suggest the same again.
-        number = 0.0 if value is None else value  # of a pruned trial it is not looked at
-        searcher.add_evaluated_point(dict(settings), number, pruned=value is None)
-    suggested = [searcher.suggest(str(len(told) + place)) or {} for place in range(count)]
+        state = TrialState.PRUNED if value is None else TrialState.COMPLETE
+        study.add_trial(
+            create_trial(state=state, value=value, params=dict(settings), distributions=space)
+        )
+    suggested = [study.ask(fixed_distributions=space).params for _ in range(count)]
     return [
         {name: _rounded(settings[name], domain) for name, domain in search.space.items()}
         for settings in suggested
@@ -116,8 +124,7 @@ def suggest(
 
 def measures_of(ledger: Ledger, model: str) -> dict[str, float]:
     """What the last validation of a finished model measured, by name."""
-    path = ledger.folder(model) / METRICS
-    lines = [json.loads(line) for line in path.read_text().splitlines()]
+    lines = load_metrics(ledger.folder(model))
     last = [line for line in lines if line["split"] == "val"][-1:]
     return {name: float(line[name]) for line in last for name in MEASURES if name in line}
 
@@ -129,18 +136,27 @@ def objective_of(ledger: Ledger, model: str, objective: Mapping[str, float]) -> 
     return value if math.isfinite(value) else None
 
 
-def _domain(given: Any, where: str) -> Range | tuple[Any, ...]:
+def _domain(name: str, given: Any, where: str) -> Range | tuple[Any, ...]:
+    """The values of a setting that a search may suggest; both ends, or each, must be valid."""
     if isinstance(given, list) and given:
+        for value in given:
+            checked({name: value}, f"{where}: space")
         return tuple(given)
+    where = f"{where}: {name}"
     values = mapping(given, where)
     only_keys(values, ("low", "high", "log"), where)
-    try:
-        found = Range(float(values["low"]), float(values["high"]), bool(values.get("log", False)))
-    except (KeyError, TypeError, ValueError):
-        raise DmfcError(f"{where}: wants {{low, high, log}} or a list, not {given}") from None
-    if not found.low < found.high or (found.log and found.low <= 0):
+    low: Any = values.get("low")
+    high: Any = values.get("high")
+    log = values.get("log", False)
+    if type(low) not in (int, float) or type(high) not in (int, float) or type(log) is not bool:
+        raise DmfcError(f"{where}: wants {{low, high, log}} or a list, not {shortened(given)}")
+    for value in (low, high):
+        checked({name: value}, where)
+    if all_types()[name] is not float:
+        raise DmfcError(f"{where}: wants a list of values, since it is not a fraction")
+    if not low < high or (log and low <= 0):
         raise DmfcError(f"{where}: low must be under high, and with log above 0, not {given}")
-    return found
+    return Range(float(low), float(high), log)
 
 
 def _rounded(value: Any, domain: Range | tuple[Any, ...]) -> Any:

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 from collections.abc import Collection, Mapping, Sequence
-from typing import Any
 
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.stage import plain
 from dmfc.errors import DmfcError
 from dmfc.pipeline.graph import GraphBuilder
 from dmfc.sweep.plan import CellPlan, SweepPlan, plan_cell
+from dmfc.sweep.record import SWEEP, SearchRecord, SweepRecord
 from dmfc.sweep.search import Settings, objective_of, suggest
 from dmfc.sweep.sweep_file import BEST, Cell, Sweep, cell_config
 
@@ -67,13 +66,13 @@ class SearchPlanner:
             self._preset,
             (*self._fixed, *self._cells(cells)),
             identity=[*self._identity, *(plan.identity for plan in self._fixed)],
-            search={
-                "objective": dict(self._objective),
-                "space": plain(self._search.space),
-                "wanted": self._wanted,
-                "trials": [dict(settings) for settings in trials],
-                "best": best,
-            },
+            search=SearchRecord(
+                objective=dict(self._objective),
+                space=plain(self._search.space),
+                wanted=self._wanted,
+                trials=tuple(dict(settings) for settings in trials),
+                best=best,
+            ),
             given_up=frozenset(failed),
             grow=lambda failed: self._grow(trials, best, failed),
         )
@@ -133,6 +132,8 @@ def trial_name(number: int) -> str:
 
 def _written(plan: SweepPlan, ledger: Ledger) -> list[Settings]:
     """The trials that an earlier call has begun."""
-    path = plan.folder(ledger) / "sweep.json"
-    told: dict[str, Any] = json.loads(path.read_text()) if path.is_file() else {}
-    return list(told.get("search", {}).get("trials", []))
+    folder = plan.folder(ledger)
+    if not (folder / SWEEP).is_file():
+        return []
+    search = SweepRecord.load(folder).search
+    return list(search.trials) if search else []

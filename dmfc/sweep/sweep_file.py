@@ -32,16 +32,18 @@ from typing import Any
 
 from dmfc.config.load import (
     build_config,
+    checked,
     parse_override,
     preset_overlay,
     shipped_file,
 )
 from dmfc.config.plain_yaml import read_yaml
 from dmfc.config.schema import Config
+from dmfc.config.setting import GREATEST_SEED
 from dmfc.errors import DmfcError, unknown_name
-from dmfc.sweep.matrix import expand
+from dmfc.sweep.matrix import MOST_CELLS, expand
 from dmfc.sweep.search import Search, parse_search
-from dmfc.sweep.yaml_checks import mapping, only_keys
+from dmfc.sweep.yaml_checks import mapping, only_keys, shortened, text
 
 MODELS = ("pretrained", "finetuned", "planner", "random")
 RATES = ("valid", "success", "overall")
@@ -49,7 +51,7 @@ KINDS = ("cells", "search")
 KEYS = ("kind", "name", "title", "base", "presets", "seeds", "table", "cells", "matrix", "search")
 BEST = "best"
 """The cell of a search that executes its best trial."""
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.+-]*")
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.+-]{0,99}")
 
 
 @dataclass(frozen=True)
@@ -90,7 +92,7 @@ def load_sweep(name: str) -> Sweep:
     values = mapping(read_yaml(path), str(path))
     only_keys(values, KEYS, str(path))
     search = _search(values, str(path))
-    cells = _cells(_listed(values, str(path)), str(path))
+    cells = _cells(values, str(path))
     present = {cell.model for cell in cells}
     rows = [row for row in (PLANNER_ROW, RANDOM_ROW) if row.model not in present]
     taken = {cell.name for cell in cells}
@@ -107,13 +109,17 @@ def load_sweep(name: str) -> Sweep:
     baseline = str(table.get("baseline", names[0]))
     if baseline not in names:
         raise DmfcError(f"{path}: table: {unknown_name('baseline', baseline, names)}")
+    seeds = _seeds(values.get("seeds", [0]), f"{path}: seeds")
+    if len(seeds) * len(cells) > MOST_CELLS:
+        count = len(seeds) * len(cells)
+        raise DmfcError(f"{path}: {count:,} cells and seeds, more than {MOST_CELLS:,}")
     return Sweep(
         path=path,
         name=_name(values.get("name", path.stem), f"{path}: name"),
-        title=str(values.get("title", path.stem)),
-        base=mapping(values.get("base") or {}, f"{path}: base"),
+        title=text(values.get("title", path.stem), f"{path}: title"),
+        base=_settings(values.get("base"), f"{path}: base"),
         presets=_presets(values.get("presets") or {}, f"{path}: presets"),
-        seeds=_seeds(values.get("seeds", [0]), f"{path}: seeds"),
+        seeds=seeds,
         cells=(*cells, *rows),
         baseline=baseline,
         show=_shown(table.get("show"), f"{path}: table"),
@@ -153,19 +159,15 @@ def _search(values: Mapping[str, Any], where: str) -> Search | None:
     return parse_search(values["search"], f"{where}: search") if kind == "search" else None
 
 
-def _cells(given: Any, where: str) -> list[Cell]:
-    """Cells as a mapping (name -> cell) or a list of mappings with a `name`."""
-    if isinstance(given, Mapping):
-        named = [(str(name), value) for name, value in given.items()]
-    elif isinstance(given, list):
-        named = []
-        for place, value in enumerate(given):
-            cell = dict(mapping(value, f"{where}: cell {place + 1}"))
-            if "name" not in cell:
-                raise DmfcError(f"{where}: cell {place + 1} has no name")
-            named.append((str(cell.pop("name")), cell))
-    else:
-        named = []
+def _cells(values: Mapping[str, Any], where: str) -> list[Cell]:
+    """The cells that the file lists, then those of its matrix."""
+    named = _named(values.get("cells"), where)
+    if values.get("matrix") is not None:
+        if isinstance(values.get("cells"), list):
+            raise DmfcError(f"{where}: beside a matrix, write the cells as NAME: {{...}}, no list")
+        matrix = mapping(values["matrix"], f"{where}: matrix")
+        only_keys(matrix, ("model", "axes", "exclude", "cells"), f"{where}: matrix")
+        named += expand(matrix, f"{where}: matrix").items()
     if not named:
         raise DmfcError(f"{where}: no cells; list at least one under 'cells'")
     seen: set[str] = set()
@@ -174,6 +176,20 @@ def _cells(given: Any, where: str) -> list[Cell]:
             raise DmfcError(f"{where}: two cells are named '{name}'")
         seen.add(name)
     return [_cell(name, value, where) for name, value in named]
+
+
+def _named(given: Any, where: str) -> list[tuple[str, Any]]:
+    """Cells as a mapping (name -> cell) or a list of mappings with a `name`."""
+    if not isinstance(given, list):
+        cells = mapping(given or {}, f"{where}: cells")
+        return [(str(name), value) for name, value in cells.items()]
+    named = []
+    for place, value in enumerate(given):
+        cell = dict(mapping(value, f"{where}: cell {place + 1}"))
+        if "name" not in cell:
+            raise DmfcError(f"{where}: cell {place + 1} has no name")
+        named.append((str(cell.pop("name")), cell))
+    return named
 
 
 def _cell(name: str, given: Any, where: str) -> Cell:
@@ -185,7 +201,7 @@ def _cell(name: str, given: Any, where: str) -> Cell:
         raise DmfcError(f"{where}: {unknown_name('model', model, MODELS)}")
     return Cell(
         name=name,
-        label=str(values.get("label", name)),
+        label=text(values.get("label", name), f"{where}: label"),
         model=model,
         settings=mapping(values.get("set") or {}, f"{where}: set"),
         paper=_paper(values.get("paper") or {}, f"{where}: paper"),
@@ -201,21 +217,10 @@ def _paper(given: Any, where: str) -> dict[str, tuple[float, float]]:
             value, error = (float(item) for item in pair)
         except (TypeError, ValueError):
             raise DmfcError(f"{where}: {name} wants [value, standard error], not {pair}") from None
+        if not (0 <= value <= 1 and 0 <= error <= 1):  # NaN neither
+            raise DmfcError(f"{where}: {name}: rate and error lie between 0 and 1, not {pair}")
         rates[name] = (value, error)
     return rates
-
-
-def _listed(values: Mapping[str, Any], where: str) -> Any:
-    """The cells of the file with those of its matrix."""
-    given = values.get("cells")
-    if values.get("matrix") is None:
-        return given
-    where = f"{where}: matrix"
-    matrix = mapping(values["matrix"], where)
-    only_keys(matrix, ("model", "axes", "exclude", "cells"), where)
-    expanded = expand(matrix, where)
-    listed = [{"name": name, **(cell or {})} for name, cell in (given or {}).items()]
-    return [*listed, *({"name": name, **cell} for name, cell in expanded.items())]
 
 
 def _shown(given: Any, where: str) -> tuple[str, ...]:
@@ -226,26 +231,40 @@ def _shown(given: Any, where: str) -> tuple[str, ...]:
     for name in given:
         if name not in RATES:
             raise DmfcError(f"{where}: {unknown_name('rate', str(name), RATES)}")
+    if len(set(given)) < len(given):
+        raise DmfcError(f"{where}: show names a rate twice: {given}")
     return tuple(given)
 
 
 def _presets(given: Any, where: str) -> dict[str, Mapping[str, Any]]:
     return {
-        str(name): mapping(value, f"{where}.{name}")
+        str(name): _settings(value, f"{where}.{name}")
         for name, value in mapping(given, where).items()
     }
 
 
+def _settings(given: Any, where: str) -> Mapping[str, Any]:
+    """Settings, each of which exists and lies in its range."""
+    values = mapping(given or {}, where)
+    checked(values, where)
+    return values
+
+
 def _seeds(given: Any, where: str) -> tuple[int, ...]:
     good = isinstance(given, list) and given
-    if not good or not all(isinstance(seed, int) and seed >= 0 for seed in given):
-        raise DmfcError(f"{where}: wants a list of whole numbers such as [0, 1], not {given}")
+    if not good or not all(type(seed) is int and 0 <= seed <= GREATEST_SEED for seed in given):
+        raise DmfcError(
+            f"{where}: wants a list of whole numbers such as [0, 1], up to {GREATEST_SEED}, "
+            f"not {shortened(given)}"
+        )
     if len(set(given)) < len(given):
-        raise DmfcError(f"{where}: a seed is given twice in {given}")
+        raise DmfcError(f"{where}: a seed is given twice in {shortened(given)}")
     return tuple(given)
 
 
 def _name(given: Any, where: str) -> str:
     if not isinstance(given, str) or not _NAME.fullmatch(given):
-        raise DmfcError(f"{where}: '{given}' is no name; use letters, digits and _ . + -")
+        raise DmfcError(
+            f"{where}: '{shortened(given)}' is no name; use up to 100 letters, digits and _ . + -"
+        )
     return given

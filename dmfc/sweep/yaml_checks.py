@@ -8,11 +8,16 @@ from typing import Any
 from dmfc.config.load import nearest_key
 from dmfc.errors import DmfcError
 
+LONGEST = 200
+"""Most letters of a label or a title."""
+SHOWN = 80
+"""Letters of a wrong value that an error shows."""
+
 
 def mapping(value: Any, where: str) -> Mapping[str, Any]:
     """`value`, if it is a mapping."""
     if not isinstance(value, Mapping):
-        raise DmfcError(f"{where}: wants 'key: value' pairs, not {value!r}")
+        raise DmfcError(f"{where}: wants 'key: value' pairs, not {shortened(value)}")
     return value
 
 
@@ -23,3 +28,19 @@ def only_keys(values: Mapping[str, Any], allowed: Sequence[str], where: str) -> 
             near = nearest_key(str(name), allowed)
             hint = f"; did you mean '{near}'?" if near else f" (known: {', '.join(allowed)})"
             raise DmfcError(f"{where}: unknown key '{name}'{hint}")
+
+
+def text(value: Any, where: str) -> str:
+    """`value` as one line of text, if it is a text or a number."""
+    line = str(value)
+    if not isinstance(value, str | int | float) or not line.isprintable() or len(line) > LONGEST:
+        raise DmfcError(
+            f"{where}: wants one line of up to {LONGEST} letters, not {shortened(value)}"
+        )
+    return line
+
+
+def shortened(value: Any) -> str:
+    """`value` as an error shows it, on one line."""
+    shown = value if isinstance(value, str) and value.isprintable() else repr(value)
+    return shown if len(shown) <= SHOWN else f"{shown[:SHOWN]}..."

@@ -14,14 +14,17 @@ from typing import Any
 import yaml
 
 from dmfc.engine.context import read_attempt, read_progress
+from dmfc.engine.digest import RECORD
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.state import SweepState
 from dmfc.engine.system import SAMPLES, read_lines
 from dmfc.errors import DmfcError
+from dmfc.pipeline.artifacts import METRICS, SUMMARY, TRIALS
 from dmfc.report.collect import cell_rows
 from dmfc.report.rates import rates
 from dmfc.report.table import NAMES
-from dmfc.sweep.search import METRICS, objective_of
+from dmfc.sweep.record import CellRecord
+from dmfc.sweep.search import objective_of
 
 PARAM_LENGTH = 250
 """MLflow cuts longer values; the whole of them is in config.yaml."""
@@ -71,21 +74,21 @@ class CellContent:
         return hashlib.sha256(json.dumps(shown, sort_keys=True).encode()).hexdigest()
 
 
-def cell_content(ledger: Ledger, cell: Mapping[str, Any], state: SweepState) -> CellContent:
+def cell_content(ledger: Ledger, cell: CellRecord, state: SweepState) -> CellContent:
     """What the ledger holds of a cell, and what its running stages have told so far."""
-    training = [address for address in (cell["pretrain"], cell["model"]) if address]
-    wanted = list(dict.fromkeys([*training, *cell["evaluations"]]))
+    training = [address for address in (cell.pretrain, cell.model) if address]
+    wanted = list(cell.stages)
     there = [address for address in wanted if ledger.finished(address)]
     spans = [_span(ledger.record(address)) for address in there]
     began = int(1000 * state.started)
     end = max((end for _, end in spans), default=began)
     status = _status(ledger, cell, wanted, there, state)
     metrics = [point for address in dict.fromkeys(training) for point in _epochs(ledger, address)]
-    metrics += _system(ledger, cell["model"])
+    metrics += _system(ledger, cell.model)
     tags = _tags(ledger, cell, status, state)
     if status == "FINISHED":
-        if cell.get("objective"):
-            value = objective_of(ledger, cell["model"], cell["objective"])
+        if cell.objective and cell.model:
+            value = objective_of(ledger, cell.model, cell.objective)
             metrics += [] if value is None else [("objective", value, end, 0)]
         rows = cell_rows(ledger, cell, {})
         found = rates(rows.rows, rows.trials)
@@ -94,14 +97,14 @@ def cell_content(ledger: Ledger, cell: Mapping[str, Any], state: SweepState) -> 
             if value is not None:
                 metrics.append((name, value, end, 0))
     return CellContent(
-        id=f"{cell['name']}-seed{cell['seed']}",
+        id=cell.run,
         status=status,
-        params=_params(cell["config"]),
+        params=_params(cell.config),
         metrics=metrics,
         tags=tags,
-        texts={"config.yaml": yaml.safe_dump(cell["config"], sort_keys=False)},
+        texts={"config.yaml": yaml.safe_dump(cell.config, sort_keys=False)},
         files=list(_files(ledger, wanted)),
-        data=[DataSet(item["name"], item["context"], item["stages"]) for item in cell["data"]],
+        data=[DataSet(item.name, item.context, item.stages) for item in cell.data],
         start_ms=min((start for start, _ in spans), default=began),
         end_ms=end,
     )
@@ -109,7 +112,7 @@ def cell_content(ledger: Ledger, cell: Mapping[str, Any], state: SweepState) -> 
 
 def _status(
     ledger: Ledger,
-    cell: Mapping[str, Any],
+    cell: CellRecord,
     wanted: list[str],
     there: list[str],
     state: SweepState,
@@ -125,21 +128,19 @@ def _status(
     return "RUNNING" if begun else "SCHEDULED"
 
 
-def _tags(
-    ledger: Ledger, cell: Mapping[str, Any], status: str, state: SweepState
-) -> dict[str, str]:
-    tags = {"dmfc.label": cell["label"], "dmfc.kind": cell["kind"]}
-    if cell["model"]:
-        tags["dmfc.model_stage"] = cell["model"]
-        if ledger.finished(cell["model"]):
-            tags["mlflow.source.git.commit"] = ledger.record(cell["model"])["commit"]
+def _tags(ledger: Ledger, cell: CellRecord, status: str, state: SweepState) -> dict[str, str]:
+    tags = {"dmfc.label": cell.label, "dmfc.kind": cell.kind}
+    if cell.model:
+        tags["dmfc.model_stage"] = cell.model
+        if ledger.finished(cell.model):
+            tags["mlflow.source.git.commit"] = ledger.record(cell.model)["commit"]
     if status in ENDED:
         failure = cell_rows(ledger, cell, state.failures).failure
-        failure = failure or state.failures.get(cell["model"], "")
+        failure = failure or state.failures.get(cell.model or "", "")
         if failure:
             tags["dmfc.failure"] = failure[:4000]
         return tags
-    for address in (cell["model"], *cell["evaluations"]):
+    for address in (cell.model, *cell.evaluations):
         if address and read_attempt(ledger.work(address)):
             fraction, message = read_progress(ledger.work(address))
             tags["dmfc.progress"] = f"{address.partition('/')[0]} {fraction:.0%} {message}".strip()
@@ -204,7 +205,7 @@ def _files(ledger: Ledger, wanted: list[str]) -> Iterator[tuple[Path, str | None
                 yield picture, "scenes"
     for place, address in there:
         folder, where = ledger.folder(address), f"{place:02d}-{address.split('/')[0]}"
-        for name in ("trials.parquet", "summary.json", METRICS, "stage.json"):
+        for name in (TRIALS, SUMMARY, METRICS, RECORD):
             if (folder / name).is_file():
                 yield folder / name, where
         for picture in sorted(folder.rglob("*.png"))[:PICTURES]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,11 +18,12 @@ from filelock import FileLock, Timeout
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.provenance import PROVENANCE, VECTOR_FLAGS, read_provenance
 from dmfc.engine.state import SweepState, read_state
-from dmfc.errors import DmfcError
+from dmfc.errors import DmfcError, first_line
 from dmfc.files.atomic import write_json
 from dmfc.report.collect import list_sweeps, read_sweep, table_of
 from dmfc.report.page import MARKER
 from dmfc.report.table import NAMES, SweepTable
+from dmfc.sweep.record import SWEEP, SweepRecord
 from dmfc.tracking.cell import ENDED, CellContent, Point, cell_content
 from dmfc.tracking.registry import register_best
 from dmfc.tracking.store import is_server, sqlite_path, tracking_uri, without_user
@@ -60,7 +61,7 @@ def project_sweep(
     kept, uri = without_user(uri), uri or tracking_uri(ledger)
     sweep, folder = read_sweep(ledger, sweep_id), ledger.store / "sweeps" / sweep_id
     state = read_state(folder)
-    contents = [cell_content(ledger, cell, state) for cell in sweep["cells"]]
+    contents = [cell_content(ledger, cell, state) for cell in sweep.cells]
     parent = _parent_content(ledger, sweep, state, contents)
     digest = _digest([VERSION, kept, parent.digest, [content.digest for content in contents]])
     known = _marker(folder)
@@ -81,7 +82,7 @@ def project_sweep(
     except Exception as error:
         if not type(error).__module__.startswith("mlflow"):
             raise
-        line = (str(error).strip().splitlines() or [""])[0]
+        line = first_line(error)
         raise DmfcError(
             f"MLflow at '{uri}' was not written: {line} (run.tracking_uri; `dmfc tracking sync` "
             "writes what is missing)"
@@ -119,12 +120,12 @@ def rebuild(ledger: Ledger, sweep_ids: Sequence[str], uri: str = "") -> list[Tra
 
 def _parent_content(
     ledger: Ledger,
-    sweep: Mapping[str, Any],
+    sweep: SweepRecord,
     state: SweepState,
     contents: list[CellContent],
 ) -> CellContent:
     """The parent run: the table's rates, its files, and what made it."""
-    folder = ledger.store / "sweeps" / sweep["id"]
+    folder = ledger.store / "sweeps" / sweep.id
     calls = read_provenance(folder)
     start = int(1000 * state.started)
     end = max([start, *(content.end_ms for content in contents)])
@@ -148,10 +149,10 @@ def _parent_content(
     return CellContent(
         id=PARENT,
         status="SCHEDULED" if state.status == "UNSTARTED" else state.status,
-        params={"preset": sweep["preset"] or "defaults", "file": sweep["file"]},
+        params={"preset": sweep.preset or "defaults", "file": sweep.file},
         metrics=metrics,
         tags=tags,
-        texts={"sweep.json": json.dumps(sweep, indent=1)},
+        texts={SWEEP: json.dumps(sweep.to_json(), indent=1)},
         files=files,
         data=[],
         start_ms=start,
@@ -201,7 +202,7 @@ def _marker(folder: Path) -> dict[str, Any]:
     return json.loads(path.read_text()) if path.is_file() else {}
 
 
-def _uri_of(marker: Mapping[str, Any]) -> str:
+def _uri_of(marker: dict[str, Any]) -> str:
     """Where the runs of a sweep are; empty: in the store's own database."""
     uri = str(marker["uri"])
     return uri if marker.get("version", 0) >= 3 or is_server(uri) else ""

@@ -105,11 +105,6 @@ def run_page(address: str, experiment_id: str, run_id: str) -> str:
     return f"{address}/#/experiments/{experiment_id}/runs/{run_id}"
 
 
-def sweep_page(address: str, experiment_id: str) -> str:
-    """The page that lists all runs."""
-    return f"{address}/#/experiments/{experiment_id}/runs"
-
-
 def _writable(path: Path) -> bool:
     """Whether the database can be written, and files made beside it."""
     try:

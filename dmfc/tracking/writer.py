@@ -10,11 +10,12 @@ import contextlib
 import io
 import json
 import logging
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from dmfc.sweep.record import SweepRecord
 from dmfc.tracking.cell import ENDED, CellContent, Point
 from dmfc.tracking.moved import EXPERIMENT, set_locations
 from dmfc.tracking.store import artifacts_beside, require_answer, sqlite_path
@@ -79,10 +80,10 @@ class Writer:
         """Whether the experiment holds any run."""
         return bool(self.client.search_runs([self.experiment_id], max_results=1))
 
-    def parent(self, sweep: Mapping[str, Any], content: CellContent) -> str:
+    def parent(self, sweep: SweepRecord, content: CellContent) -> str:
         """Bring the parent run up to date; its id."""
-        tags = {"mlflow.note.content": sweep["title"]}
-        return self._bring(sweep["id"], sweep["id"], content, tags)
+        tags = {"mlflow.note.content": sweep.title}
+        return self._bring(sweep.id, sweep.id, content, tags)
 
     def child(self, sweep_id: str, parent: str, content: CellContent) -> str:
         """Bring a cell's run up to date; its id."""

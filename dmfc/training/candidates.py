@@ -12,9 +12,7 @@ from dmfc.config.losses import GraspSpace
 from dmfc.geometry.rotations import matrix_from_6d, sixd_from_matrix
 from dmfc.losses.chamfer import chamfer, grasp_vector
 from dmfc.network.model import Prediction
-
-Batch = dict[str, Tensor]
-"""What `dmfc.training.data.collate` makes; shapes are told there."""
+from dmfc.training.batch import Batch
 
 
 @dataclass(frozen=True)
@@ -50,8 +48,8 @@ class Candidates:
             rotation6d=prediction.rotation6d.flatten(0, 1),
             joints=prediction.joints.flatten(0, 1),
             logit=prediction.logit.flatten(),
-            positive=batch["match"].any(-1).flatten(),
-            chamfer=chamfer(ours, labels, batch["match"]).flatten(),
+            positive=batch.match.any(-1).flatten(),
+            chamfer=chamfer(ours, labels, batch.match).flatten(),
         )
 
     @property
@@ -72,10 +70,10 @@ def prediction_vectors(prediction: Prediction, space: GraspSpace) -> Tensor:
 
 def label_vectors(batch: Batch, space: GraspSpace, centre: Tensor) -> Tensor:
     """The labels of each scene in grasp space, `[B,G,9+J]`; see `label_centres`."""
-    sixd = sixd_from_matrix(batch["grasp_rotation"])
-    return grasp_vector(label_centres(batch, centre), sixd, batch["grasp_joints"], space)
+    sixd = sixd_from_matrix(batch.grasp_rotation)
+    return grasp_vector(label_centres(batch, centre), sixd, batch.grasp_joints, space)
 
 
 def label_centres(batch: Batch, centre: Tensor) -> Tensor:
     """Where the point `centre` `[3]` of the palm frame is at each label, `[B,G,3]`, metres."""
-    return batch["grasp_position"] + batch["grasp_rotation"] @ centre
+    return batch.grasp_position + batch.grasp_rotation @ centre

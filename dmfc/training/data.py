@@ -17,14 +17,14 @@ from torch.utils.data import DataLoader, Dataset, Sampler
 from dmfc.config.scenes import AugmentationConfig, CameraConfig, MatchingConfig, ScenesConfig
 from dmfc.errors import DmfcError
 from dmfc.geometry import transforms
-from dmfc.geometry.points import choose, farthest_points
+from dmfc.geometry.points import farthest_points
 from dmfc.grasps.grasp_set import GraspSet
 from dmfc.scenes.augment import kept_points, random_motion, sensor_errors
 from dmfc.scenes.matching import match_grasps
 from dmfc.scenes.scene_grasps import grasps_in_scene
 from dmfc.scenes.scene_set import Scene, SceneSet
 from dmfc.sensing.cameras import table_cameras
-from dmfc.sensing.depth import decode
+from dmfc.training.batch import SceneItem, collate
 
 _AUGMENT, _SHUFFLE = range(2)  # independent random streams of one seed
 
@@ -32,9 +32,7 @@ _AUGMENT, _SHUFFLE = range(2)  # independent random streams of one seed
 class SceneDataset(Dataset):
     """Scenes as tensors; an item is asked for as (epoch, position), or position for epoch 0.
 
-    An item holds points [N, 3], seed_index [S], grasp_position [G, 3], grasp_rotation [G, 3, 3],
-    grasp_joints [G, D], match [S, G], object_index [k] (row in `object_order`), T_world_object
-    [k, 4, 4] and scene []; world frame, float32 and int64. Only labels that match a seed are there.
+    `object_index` of an item points into `object_order`.
     """
 
     def __init__(
@@ -54,8 +52,7 @@ class SceneDataset(Dataset):
         self._rows = {object_id: row for row, object_id in enumerate(object_order)}
         self._palm_reference = np.asarray(palm_reference, dtype=np.float64)
         self._matching = matching
-        self._cameras = table_cameras(cameras)
-        self._positions = np.stack([camera.position for camera in self._cameras])
+        self._positions = np.stack([camera.position for camera in table_cameras(cameras)])
         self._augmentation = augmentation
         self._seeds = seeds
         self._seed = seed
@@ -63,7 +60,7 @@ class SceneDataset(Dataset):
     def __len__(self) -> int:
         return len(self.scenes)
 
-    def __getitem__(self, key: int | tuple[int, int]) -> dict[str, Tensor]:
+    def __getitem__(self, key: int | tuple[int, int]) -> SceneItem:
         """Raises DmfcError if the scene holds an object that is not in `object_order`."""
         epoch, position = key if isinstance(key, tuple) else (0, key)
         scene = self.scenes[position]
@@ -72,15 +69,8 @@ class SceneDataset(Dataset):
         if self._augmentation is not None:
             words = np.random.SeedSequence(self._seed, spawn_key=(_AUGMENT, epoch, position))
             generator = np.random.default_rng(words)
-            point_camera = scene.point_camera
-            if scene.depth:
-                pixels, facing = decode(scene.depth)
-                chosen = choose(len(pixels), len(points), generator)
-                pixels, normals = pixels[chosen], facing[chosen].astype(np.float64)
-                points = pixels.points(self._cameras)[0]
-                point_object, point_camera = pixels.object_index, pixels.camera
             points, normals = sensor_errors(
-                self._augmentation, points, normals, point_camera, self._positions, generator
+                self._augmentation, points, normals, scene.point_camera, self._positions, generator
             )
             kept = kept_points(self._augmentation, len(points), generator)
             points, normals, point_object = points[kept], normals[kept], point_object[kept]
@@ -90,17 +80,15 @@ class SceneDataset(Dataset):
             T_world_object = T_new_world @ T_world_object
         points = points.astype(np.float32)
         seed_index = farthest_points(points, self._seeds)
-        labels = self._labels(scene, T_world_object, points, normals, point_object, seed_index)
-        return {
-            "points": torch.from_numpy(points),
-            "seed_index": torch.from_numpy(seed_index),
-            **labels,
-            "object_index": torch.tensor(
-                [self._row(scene, i) for i in scene.object_ids], dtype=torch.int64
-            ),
-            "T_world_object": torch.from_numpy(T_world_object.astype(np.float32)),
-            "scene": torch.tensor(scene.scene),
-        }
+        rows = [self._row(scene, object_id) for object_id in scene.object_ids]
+        return SceneItem(
+            points=torch.from_numpy(points),
+            seed_index=torch.from_numpy(seed_index),
+            **self._labels(scene, T_world_object, points, normals, point_object, seed_index),
+            object_index=torch.tensor(rows, dtype=torch.int64),
+            T_world_object=torch.from_numpy(T_world_object.astype(np.float32)),
+            scene_number=torch.tensor(scene.scene),
+        )
 
     def _labels(
         self,
@@ -144,29 +132,6 @@ class SceneDataset(Dataset):
                 f"{len(self._rows)} objects given (setting objects.train)"
             )
         return self._rows[object_id]
-
-
-def collate(items: Sequence[Mapping[str, Tensor]]) -> dict[str, Tensor]:
-    """The batch of items: grasps padded to the largest number (at least one) with grasp_mask
-    [B, G], objects padded with index -1 and the identity."""
-    most = max(1, *(len(item["grasp_position"]) for item in items))
-    objects = max(len(item["object_index"]) for item in items)
-    batch = {
-        name: torch.stack([item[name] for item in items])
-        for name in ("points", "seed_index", "scene")
-    }
-    for name in ("grasp_position", "grasp_rotation", "grasp_joints"):
-        batch[name] = torch.stack([_padded(item[name], most, 0) for item in items])
-    counts = torch.tensor([len(item["grasp_position"]) for item in items])
-    batch["grasp_mask"] = torch.arange(most) < counts[:, None]
-    batch["match"] = torch.stack([_padded(item["match"].mT, most, False).mT for item in items])
-    batch["object_index"] = torch.stack(
-        [_padded(item["object_index"], objects, -1) for item in items]
-    )
-    batch["T_world_object"] = torch.eye(4).expand(len(items), objects, 4, 4).clone()
-    for row, item in enumerate(items):
-        batch["T_world_object"][row, : len(item["T_world_object"])] = item["T_world_object"]
-    return batch
 
 
 class EpochSampler(Sampler[tuple[int, int]]):
@@ -249,10 +214,3 @@ class SceneData(lightning.LightningDataModule):
             num_workers=self._workers,
             persistent_workers=self._workers > 0,
         )
-
-
-def _padded(values: Tensor, size: int, fill: float) -> Tensor:
-    """Values [n, ...] followed by `fill` up to length `size`."""
-    result = values.new_full((size, *values.shape[1:]), fill)
-    result[: len(values)] = values
-    return result

@@ -11,13 +11,13 @@ from typing import Any, cast
 import torch
 from omegaconf import OmegaConf
 
-from dmfc.errors import DmfcError
+from dmfc.errors import DmfcError, first_line
 from dmfc.network.model import DmfcGraspNet
-from dmfc.training.candidates import Batch
+from dmfc.training.batch import Batch
 from dmfc.training.settings import FitConfig
 from dmfc.training.task import Task
 
-VERSION = 1
+VERSION = 2
 ENTRIES = {"version", "what", "stage", "hand", "objects", "config", "batch", "weights"}
 
 
@@ -40,7 +40,7 @@ class Failure:
             "hand": self.hand,
             "objects": task.atlas.ids,
             "config": json.dumps(settings),
-            "batch": {name: value.cpu() for name, value in batch.items()},
+            "batch": batch.to("cpu").tensors(),
             "weights": {name: value.cpu() for name, value in net.state_dict().items()},
         }
         torch.save(values, self.file)
@@ -51,7 +51,7 @@ def read_failure(path: Path) -> dict[str, Any]:
     try:
         found = torch.load(path, weights_only=True, map_location="cpu")
     except (OSError, EOFError, RuntimeError, UnpicklingError) as error:
-        raise DmfcError(f"{path} is no saved batch: {str(error).splitlines()[0]}") from error
+        raise DmfcError(f"{path} is no saved batch: {first_line(error)}") from error
     if not isinstance(found, dict) or set(found) != ENTRIES or found["version"] != VERSION:
         raise DmfcError(f"{path} is no batch that this version of dmfc saved")
     return cast(dict[str, Any], found)

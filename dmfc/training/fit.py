@@ -20,7 +20,8 @@ from safetensors.torch import save_file
 
 from dmfc.errors import DmfcError
 from dmfc.hand.model import HandModel
-from dmfc.network.checkpoint import CONFIG, METRICS, SUMMARY, WEIGHTS, load_weights, new_network
+from dmfc.network.checkpoint import load_weights, new_network
+from dmfc.network.model_files import CONFIG, METRICS, SUMMARY, WEIGHTS
 from dmfc.objects.atlas import ObjectAtlas
 from dmfc.training.failure import Failure
 from dmfc.training.module import GraspTraining

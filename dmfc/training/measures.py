@@ -8,7 +8,8 @@ from torch import Tensor
 from dmfc.config.losses import GraspSpace
 from dmfc.geometry.rotations import geodesic_angle
 from dmfc.network.model import Prediction
-from dmfc.training.candidates import Batch, label_centres, label_vectors, prediction_vectors
+from dmfc.training.batch import Batch
+from dmfc.training.candidates import label_centres, label_vectors, prediction_vectors
 
 
 @torch.no_grad()
@@ -21,12 +22,12 @@ def label_errors(prediction: Prediction, batch: Batch, space: GraspSpace) -> dic
     prediction = prediction.float()
     centre = prediction.centre
     apart = torch.cdist(prediction_vectors(prediction, space), label_vectors(batch, space, centre))
-    nearest = apart.masked_fill(~batch["match"], torch.inf).argmin(-1)
-    scene, seed = batch["match"].any(-1).nonzero(as_tuple=True)
+    nearest = apart.masked_fill(~batch.match, torch.inf).argmin(-1)
+    scene, seed = batch.match.any(-1).nonzero(as_tuple=True)
     label = nearest[scene, seed]
     position = prediction.aim[scene, seed] - label_centres(batch, centre)[scene, label]
-    angle = geodesic_angle(prediction.rotation[scene, seed], batch["grasp_rotation"][scene, label])
-    joints = prediction.joints[scene, seed] - batch["grasp_joints"][scene, label]
+    angle = geodesic_angle(prediction.rotation[scene, seed], batch.grasp_rotation[scene, label])
+    joints = prediction.joints[scene, seed] - batch.grasp_joints[scene, label]
     return {
         "translation_mm": 1000 * position.norm(dim=-1),
         "rotation_deg": torch.rad2deg(angle),

@@ -14,16 +14,14 @@ from dmfc.config.training import StageSchedule, TrainingConfig
 from dmfc.errors import DmfcError
 from dmfc.losses.confidence import confidence_loss
 from dmfc.network.model import DmfcGraspNet, Prediction
-from dmfc.training.candidates import Batch, Candidates
+from dmfc.training.batch import Batch
+from dmfc.training.candidates import Candidates
 from dmfc.training.failure import Failure
 from dmfc.training.means import Means
 from dmfc.training.measures import label_errors
 from dmfc.training.selection import hardest
 from dmfc.training.task import Task
 from dmfc.training.validation import Validation, calibration
-
-TIMINGS = frozenset({"seconds", "scenes_per_second", "time"})
-"""Metrics of an epoch that differ from run to run; all others are exact."""
 
 
 class GraspTraining(LightningModule):
@@ -54,7 +52,7 @@ class GraspTraining(LightningModule):
         self._means = Means()
         self._validation_means = Means()
         self._started = 0.0
-        self._batch: Batch = {}
+        self._batch: Batch | None = None
 
     @property
     def schedule(self) -> StageSchedule:
@@ -64,14 +62,14 @@ class GraspTraining(LightningModule):
     def training_step(self, batch: Batch, batch_index: int) -> Tensor | None:
         """The loss of a batch; None, which skips the step, where it has nothing to learn from."""
         self._batch = batch
-        prediction = self.net(batch["points"], batch["seed_index"])
+        prediction = self.net(batch.points, batch.seed_index)
         candidates = self.task.candidates(prediction, batch)
         self._measure(prediction, batch)
         if len(candidates) == 0:
             return None
         chosen = self.hardest(candidates, batch)
         terms = self.task.terms(chosen, batch)
-        self._require_finite(terms, chosen, batch)
+        self._require_finite(terms, chosen)
         loss = confidence_loss(self.task.total(terms), chosen.logit, self.task.weights.confidence)
         if self.config.negatives == "push_down":
             loss = loss + self.task.weights.confidence * _push_down(prediction.logit, batch)
@@ -82,8 +80,8 @@ class GraspTraining(LightningModule):
 
     def _measure(self, prediction: Prediction, batch: Batch) -> None:
         means = self._means
-        means.add("scenes", batch["scene"])
-        means.add("positive_rate", batch["match"].any(-1).float())
+        means.add("scenes", batch.scene_number)
+        means.add("positive_rate", batch.match.any(-1).float())
         means.add("confidence", prediction.confidence)
         for name, values in label_errors(prediction, batch, self.task.space).items():
             means.add(name, values)
@@ -110,8 +108,8 @@ class GraspTraining(LightningModule):
         hardest which the cheap one chose too.
         """
         assert self.validation is not None
-        means, prediction = self._validation_means, self.net(batch["points"], batch["seed_index"])
-        means.add("positive_rate", batch["match"].any(-1).float())
+        means, prediction = self._validation_means, self.net(batch.points, batch.seed_index)
+        means.add("positive_rate", batch.match.any(-1).float())
         means.add("confidence", prediction.confidence)
         for name, values in self.validation.measure(prediction, batch).items():
             means.add(name, values)
@@ -150,7 +148,7 @@ class GraspTraining(LightningModule):
         gradients = [p.grad for p in self.net.parameters() if p.grad is not None]
         norm = torch.nn.utils.get_total_norm(gradients)
         if not math.isfinite(norm.item()):
-            self._fail("the gradient", self._batch["scene"].tolist())
+            self._fail("the gradient")
         self._means.add("gradient_norm", norm)
         if self.config.max_gradient_norm > 0:
             torch.nn.utils.clip_grads_with_norm_(
@@ -192,9 +190,7 @@ class GraspTraining(LightningModule):
             )
         self.metrics = checkpoint["metrics"]
 
-    def _require_finite(
-        self, terms: dict[str, Tensor], candidates: Candidates, batch: Batch
-    ) -> None:
+    def _require_finite(self, terms: dict[str, Tensor], candidates: Candidates) -> None:
         checked = {**terms, "confidence": candidates.logit}
         if torch.stack([values.detach().isfinite().all() for values in checked.values()]).all():
             return
@@ -202,10 +198,14 @@ class GraspTraining(LightningModule):
             bad = ~values.detach().isfinite()
             if bad.any():
                 rows = candidates.scene[bad].unique()
-                self._fail(f"the term '{name}'", batch["scene"][rows].tolist())
+                self._fail(f"the term '{name}'", rows)
 
-    def _fail(self, what: str, scenes: list[int]) -> None:
-        self.failure.save(self.task, self.net, self._batch, what)
+    def _fail(self, what: str, rows: Tensor | None = None) -> None:
+        """`rows`: where in the batch; None: anywhere."""
+        batch = self._batch
+        assert batch is not None
+        self.failure.save(self.task, self.net, batch, what)
+        scenes = (batch.scene_number if rows is None else batch.scene_number[rows]).tolist()
         listed = ", ".join(str(scene) for scene in scenes[:8])
         raise DmfcError(
             f"{self.task.stage} stopped in epoch {self.current_epoch}: {what} is not finite in "
@@ -216,5 +216,5 @@ class GraspTraining(LightningModule):
 
 def _push_down(logit: Tensor, batch: Batch) -> Tensor:
     """mean of -log(1 - c) over the seed points without a label; 0 where all have one."""
-    negative = logit[~batch["match"].any(-1)]
+    negative = logit[~batch.match.any(-1)]
     return torch.nn.functional.softplus(negative).sum() / max(len(negative), 1)

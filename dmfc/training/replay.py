@@ -12,11 +12,11 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from dmfc.config.interpolation import refuse_interpolation
-from dmfc.errors import DmfcError
+from dmfc.errors import DmfcError, first_line
 from dmfc.hand.model import HandModel
 from dmfc.network.checkpoint import new_network
 from dmfc.objects.atlas import ObjectAtlas
-from dmfc.training.candidates import Batch
+from dmfc.training.batch import Batch
 from dmfc.training.failure import Failure
 from dmfc.training.module import GraspTraining
 from dmfc.training.settings import FitConfig
@@ -45,13 +45,13 @@ def replay(
     points, seeds = training.rank_points, training.finetune_seeds
     task = Task(stage, config.losses, hand, atlas, points, seeds)
     module = GraspTraining(net, task, training, Failure(Path(), config, hand.name))
-    batch: Batch = saved["batch"]
-    prediction = net.train()(batch["points"], batch["seed_index"])
+    batch = Batch(**saved["batch"])
+    prediction = net.train()(batch.points, batch.seed_index)
     chosen = module.hardest(task.candidates(prediction, batch), batch)
     rows: list[dict[str, float | str]] = []
     for name, values in {**task.terms(chosen, batch), "confidence": chosen.logit}.items():
         finite = values.detach().isfinite()
-        scenes = batch["scene"][chosen.scene[~finite].unique()].tolist()
+        scenes = batch.scene_number[chosen.scene[~finite].unique()].tolist()
         fine = values.detach()[finite]
         gradients = torch.autograd.grad(
             values.mean(), list(net.parameters()), retain_graph=True, allow_unused=True
@@ -77,5 +77,5 @@ def _config(text: str) -> FitConfig:
         merged = OmegaConf.merge(OmegaConf.structured(FitConfig), given)
         return cast(FitConfig, OmegaConf.to_object(merged))
     except (OmegaConfBaseException, ValueError) as error:
-        message = str(error).splitlines()[0]
+        message = first_line(error)
         raise DmfcError(f"the batch was saved with settings of another dmfc: {message}") from error

@@ -16,7 +16,8 @@ from dmfc.losses.custom import term_name
 from dmfc.losses.task import SceneTerms, active_terms, weighted_sum
 from dmfc.network.model import Prediction
 from dmfc.objects.atlas import ObjectAtlas, SceneObjects
-from dmfc.training.candidates import Batch, Candidates
+from dmfc.training.batch import Batch
+from dmfc.training.candidates import Candidates
 
 Stage = Literal["pretrain", "finetune"]
 Seeds = Literal["all", "labelled"]
@@ -98,7 +99,7 @@ class Task:
         terms = {"chamfer": rows.chamfer} if "chamfer" in self.names else {}
         if not of_scene:
             return terms
-        objects = SceneObjects(self.atlas, batch["object_index"], batch["T_world_object"])
+        objects = SceneObjects(self.atlas, batch.object_index, batch.T_world_object)
         # in float32 whatever the network's precision: penetrations are millimetres
         with torch.autocast(rows.position.device.type, enabled=False):
             return terms | compute(

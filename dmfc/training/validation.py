@@ -20,7 +20,8 @@ from dmfc.losses.q1_lower import q1_lower_of_contacts
 from dmfc.losses.task import TERMS, SceneTerms
 from dmfc.network.model import Prediction
 from dmfc.objects.atlas import ObjectAtlas, SceneObjects
-from dmfc.training.candidates import Batch, Candidates
+from dmfc.training.batch import Batch
+from dmfc.training.candidates import Candidates
 from dmfc.training.measures import label_errors
 
 DIRECTIONS: Literal[728] = 728
@@ -61,17 +62,17 @@ class Validation:
         sampled = rows.take(_spread(prediction.logit, self.config.sampled))
         of_scene = [*(name for name in TERMS if name != "chamfer"), *self._terms.own.names]
         position, rotation, joints = sampled.position, sampled.rotation, sampled.joints
-        objects = SceneObjects(self.atlas, batch["object_index"], batch["T_world_object"])
+        objects = SceneObjects(self.atlas, batch.object_index, batch.T_world_object)
         found |= self._terms(position, rotation, joints, objects.take(sampled.scene), of_scene)
         return found | self._confident(rows.take(_best(prediction.logit, self.config)), objects)
 
     def coverage(self, prediction: Prediction, batch: Batch) -> Tensor:
         """Whether each label that is there has a prediction near, [labels] 0 or 1."""
         near = []
-        for row, there in enumerate(batch["grasp_mask"]):
+        for row, there in enumerate(batch.grasp_mask):
             position, rotation = prediction.float().position[row], prediction.float().rotation[row]
-            apart = torch.cdist(batch["grasp_position"][row, there], position)
-            angle = geodesic_angle(batch["grasp_rotation"][row, there][:, None], rotation[None])
+            apart = torch.cdist(batch.grasp_position[row, there], position)
+            angle = geodesic_angle(batch.grasp_rotation[row, there][:, None], rotation[None])
             close = (apart <= self.config.near_distance) & (angle <= self.config.near_angle)
             near.append(close.any(dim=1))
         return torch.cat(near).float()

@@ -40,7 +40,7 @@ def record_trial(
     """
     recorder = Recorder(runner.world.data.time)
     outcome = runner.run(
-        candidates.T_world_palm(trial),
+        candidates.T[trial],
         candidates.joints[trial],
         int(candidates.object_index[trial]),
         recorder,

@@ -49,7 +49,7 @@ def trial_strip(
     `visual=True`; needs GL.
     """
     world = runner.world
-    T = candidates.T_world_palm(trial)
+    T = candidates.T[trial]
     target = int(candidates.object_index[trial])
     frames: list[np.ndarray] = []
     labels: list[str] = []

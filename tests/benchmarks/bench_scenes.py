@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import time
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import replace
 from functools import cache
 from multiprocessing import get_context
 from pathlib import Path
@@ -64,15 +63,13 @@ def make(folder: Path, numbers: range, config: ScenesConfig = CONFIG) -> None:
 
 
 @pytest.mark.benchmark(group="100 multi-object scenes, one core")
-@pytest.mark.parametrize("depth", ["rebuild", "keep"])
-def test_scenes(benchmark, folder, depth, tell):
+def test_scenes(benchmark, folder, tell):
     inputs(folder)
-    config = replace(CONFIG, depth=depth)
     cpu = time.process_time()
-    benchmark.pedantic(make, args=(folder, range(SCENES), config), rounds=1)
+    benchmark.pedantic(make, args=(folder, range(SCENES)), rounds=1)
     cpu = time.process_time() - cpu
     benchmark.extra_info["scenes_per_cpu_second"] = round(SCENES / cpu, 1)
-    tell(f"scenes made, depth={depth}: {SCENES / cpu:.1f} per CPU second of one core")
+    tell(f"scenes made: {SCENES / cpu:.1f} per CPU second of one core")
     assert SCENES / cpu > 5  # 10 scenes per second on two cores
 
 
@@ -102,21 +99,19 @@ def seconds() -> dict[int, float]:
     return {}
 
 
-@pytest.fixture(scope="module", params=["rebuild", "keep"])
-def loader(request, folder, tell) -> SceneData:
-    """Training batches of a set of 100 scenes with all augmentation, without and with depth."""
+@pytest.fixture(scope="module")
+def loader(folder, tell) -> SceneData:
+    """Training batches of a set of 100 scenes with all augmentation."""
     objects, grasps, hand = inputs(folder)
-    config = replace(CONFIG, depth=request.param)
-    path = folder / f"{request.param}.parquet"
-    make_scene_file(config, config.train, range(SCENES), objects, grasps, hand, path)
+    path = folder / "scenes.parquet"
+    make_scene_file(CONFIG, CONFIG.train, range(SCENES), objects, grasps, hand, path)
     size = path.stat().st_size / SCENES
-    wanted = " (wanted: under 500)" if request.param == "rebuild" else ""
     tell(
-        f"scenes on disk, depth={request.param}: {size / 1e3:.1f} kB each, so 10,000 are "
-        f"{10_000 * size / 1e6:.0f} MB{wanted}"
+        f"scenes on disk: {size / 1e3:.1f} kB each, so 10,000 are "
+        f"{10_000 * size / 1e6:.0f} MB (wanted: under 500)"
     )
     return SceneData(
-        config, MatchingConfig(), SceneSet.open([path]), grasps, list(objects), hand.palm_reference
+        CONFIG, MatchingConfig(), SceneSet.open([path]), grasps, list(objects), hand.palm_reference
     )
 
 
@@ -130,7 +125,7 @@ def test_loader(benchmark, loader, workers, tell):
         count = 0
         for epoch in range(4):
             batches.sampler.set_epoch(epoch)
-            count += sum(len(batch["scene"]) for batch in batches)
+            count += sum(len(batch.scene_number) for batch in batches)
         return count
 
     next(iter(batches))

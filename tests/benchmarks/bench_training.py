@@ -3,21 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-from pathlib import Path
 
 import pytest
 import torch
 
-from dmfc.config.hand import HandConfig
-from dmfc.hand.build import build_hand
-from dmfc.hand.model import HandModel
 from tests.benchmarks.compare import Compare
 from tests.benchmarks.workload import batch_of, module_of
-
-
-@pytest.fixture(scope="module")
-def hand(shadow_hand_dir: Path) -> HandModel:
-    return build_hand(HandConfig())
 
 
 @pytest.mark.benchmark(group="fine-tuning step, 4 scenes")
@@ -42,7 +33,7 @@ def test_finetuning_step(compare: Compare, hand):
 @pytest.mark.parametrize("part", ["rank", "terms"])
 def test_parts(benchmark, hand, part):
     module, batch = module_of("finetune", hand), batch_of(4, hand.dofs)
-    rows = module.task.candidates(module.net(batch["points"], batch["seed_index"]), batch)
+    rows = module.task.candidates(module.net(batch.points, batch.seed_index), batch)
     rows = dataclasses.replace(
         rows,
         **{name: getattr(rows, name).detach() for name in ("position", "rotation6d", "joints")},

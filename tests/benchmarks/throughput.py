@@ -56,7 +56,7 @@ def measure(
     module = module_of(stage, hand, network).to(device)
     seeds = module.net.config.levels[0]
     scenes = batch_of(batch, hand.dofs, points, seeds, labels)
-    scenes = {name: value.to(device) for name, value in scenes.items()}
+    scenes = scenes.to(device)
     optimizer = module.configure_optimizers()
     mixed = (
         torch.autocast(device.type, torch.bfloat16)

@@ -18,8 +18,8 @@ from dmfc.pipeline.replay import input_folders
 from dmfc.pipeline.selection import list_refs
 from dmfc.pipeline.stages import GRASPS, SCENES, present, training_geometry
 from dmfc.scenes.scene_set import SceneSet
-from dmfc.training.candidates import Batch
-from dmfc.training.data import SceneDataset, collate
+from dmfc.training.batch import Batch, collate
+from dmfc.training.data import SceneDataset
 
 
 @dataclass(frozen=True)

@@ -15,12 +15,13 @@ from dmfc.config.losses import LossConfig, LossWeights, Q1Config
 from dmfc.config.network import NetworkConfig
 from dmfc.config.training import TrainingConfig
 from dmfc.geometry.points import farthest_points
-from dmfc.geometry.rotations import random_rotations
 from dmfc.hand.model import HandModel
 from dmfc.network.checkpoint import new_network
 from dmfc.objects.atlas import ObjectAtlas
+from dmfc.training.batch import Batch
 from dmfc.training.module import GraspTraining
 from dmfc.training.task import Stage, Task
+from tests.support.rotations import random_rotations
 from tests.support.toy import Box, box_grid, box_points
 
 OBJECTS = 4
@@ -39,7 +40,7 @@ def surface_cloud(batch: int, points: int = 2048) -> torch.Tensor:
 
 def batch_of(
     size: int, dofs: int, points: int = 2048, seeds: int = 512, labels: int = 256
-) -> dict[str, torch.Tensor]:
+) -> Batch:
     """A batch of `size` scenes as the loader makes it; each of `labels` seeds has one label."""
     generator = np.random.default_rng(0)
     torch.manual_seed(0)
@@ -54,17 +55,18 @@ def batch_of(
     near = cloud.gather(1, seed_index[:, :labels, None].expand(-1, -1, 3))
     match = torch.zeros(size, seeds, labels, dtype=torch.bool)
     match[:, range(labels), range(labels)] = True
-    return {
-        "points": cloud,
-        "seed_index": seed_index,
-        "grasp_position": near + 0.05 * torch.randn_like(near),
-        "grasp_rotation": random_rotations(size * labels).view(size, labels, 3, 3),
-        "grasp_joints": torch.rand(size, labels, dofs),
-        "match": match,
-        "object_index": torch.arange(OBJECTS).repeat(size, 1),
-        "T_world_object": T,
-        "scene": torch.arange(size),
-    }
+    return Batch(
+        points=cloud,
+        seed_index=seed_index,
+        grasp_position=near + 0.05 * torch.randn_like(near),
+        grasp_rotation=random_rotations(size * labels).view(size, labels, 3, 3),
+        grasp_joints=torch.rand(size, labels, dofs),
+        grasp_mask=torch.ones(size, labels, dtype=torch.bool),
+        match=match,
+        object_index=torch.arange(OBJECTS).repeat(size, 1),
+        T_world_object=T,
+        scene_number=torch.arange(size),
+    )
 
 
 def module_of(

@@ -10,7 +10,7 @@ from dmfc.engine.ledger import Ledger
 from dmfc.experiment.drive import drive
 from dmfc.pipeline import kinds
 from dmfc.pipeline.graph import GraphBuilder
-from dmfc.sweep.plan import plan_sweep
+from dmfc.sweep.planner import plan_sweep
 from dmfc.sweep.sweep_file import load_sweep
 from tests.chaos.chaos_science import CHAOS, fake_refs
 

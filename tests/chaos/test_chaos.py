@@ -23,7 +23,7 @@ from dmfc.engine.system import read_lines
 from dmfc.pipeline.graph import GraphBuilder
 from dmfc.report.collect import collect, read_sweep
 from dmfc.report.rates import concatenate
-from dmfc.sweep.plan import plan_sweep
+from dmfc.sweep.planner import plan_sweep
 from dmfc.sweep.sweep_file import load_sweep
 from tests.chaos.held import HELD
 from tests.chaos.two_nodes import TwoNodes
@@ -136,9 +136,9 @@ def one_finished_run_per_cell(ledger, sweep_id, epochs):
     client = MlflowClient(tracking_uri(ledger))
     experiment = client.get_experiment_by_name("dmfc").experiment_id
     found = client.search_runs([experiment])
-    cells = read_sweep(ledger, sweep_id)["cells"]
+    cells = read_sweep(ledger, sweep_id).cells
     names = Counter(run.data.tags[TAG_CELL] for run in found)
-    assert names == Counter(["-", *(f"{cell['name']}-seed{cell['seed']}" for cell in cells)])
+    assert names == Counter(["-", *(cell.run for cell in cells)])
     assert {run.info.status for run in found} == {"FINISHED"}
     for run in found:
         for name in run.data.metrics:

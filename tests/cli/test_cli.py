@@ -14,6 +14,8 @@ import time
 from pathlib import Path
 
 import pytest
+import typer
+from typer.core import TyperGroup
 
 from dmfc.cli import main as cli
 from dmfc.config.load import shipped_names
@@ -26,15 +28,14 @@ from tests.support.fake_science import FAKES, fake_refs
 ROOT = Path(__file__).resolve().parents[2]
 
 
-VERBS = [
-    ["doctor"], ["assets", "list"], ["assets", "pull"], ["assets", "verify"], ["objects", "list"],
-    ["objects", "prepare"], ["grasps", "plan"], ["grasps", "stats"], ["scenes", "make"],
-    ["scenes", "stats"], ["scenes", "show"], ["scenes", "freeze"], ["train"],
-    ["evaluate"], ["predict"], ["models", "list"], ["models", "export"],
-    ["sweep", "run"], ["sweep", "status"], ["tables"],
-    ["ui"], ["store", "list"], ["store", "show"], ["store", "verify"], ["store", "prune"],
-    ["store", "export"], ["store", "import"], ["tracking", "rebuild"], ["tracking", "sync"],
-]  # fmt: skip
+def verbs(command, words=()):
+    """The words of every command of the app: ('grasps', 'plan')."""
+    if not isinstance(command, TyperGroup):
+        return [words]
+    return [found for name, sub in command.commands.items() for found in verbs(sub, (*words, name))]
+
+
+VERBS = verbs(typer.main.get_command(cli.app))
 
 
 @pytest.fixture
@@ -53,11 +54,17 @@ def test_every_verb_has_help(dmfc, verb):
     status, out, _ = dmfc(*verb, "--help")
     assert status == 0
     assert "Usage: dmfc" in out
-    if verb == ["sweep", "run"]:
+    if verb == ("sweep", "run"):
         assert all(name in out for name in shipped_names("configs"))
-    if verb[0] in ("train", "evaluate", "scenes", "grasps") or verb == ["sweep", "run"]:
-        for option in ("--preset", "--set", "--store", "--json"):
+    if verb[0] in ("train", "evaluate", "scenes", "grasps") or verb == ("sweep", "run"):
+        for option in ("--preset", "--set", "--json"):
             assert option in out
+        assert ("--store" in out) == (verb != ("scenes", "import"))  # which needs no store
+
+
+def test_the_verbs_are_those_of_the_app():
+    assert {("view",), ("compare",), ("grasps", "export"), ("store", "import")} <= set(VERBS)
+    assert len(set(VERBS)) == len(VERBS) >= 34
 
 
 @pytest.mark.parametrize(

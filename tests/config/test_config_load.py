@@ -58,7 +58,7 @@ def test_settings_are_frozen():
         ("training.batch_size=four", ["training.batch_size", "four", "Integer"]),
         ("training.batch_size=3.7", ["training.batch_size", "3.7"]),
         ("training.batch_size=true", ["training.batch_size"]),
-        ("losses.clamp=harder", ["losses.clamp", "hard", "straight_through", "soft"]),
+        ("matching.mode=near", ["matching.mode", "patch", "projected", "literal"]),
         ("objects.train=ycb", ["objects.train", "wants a list", "ycb"]),
         ("losses.own={a.py:b: much}", ["losses.own.a.py:b", "much", "Float"]),
         ("losses.own=[a]", ["--set losses.own=[a]"]),

@@ -22,7 +22,7 @@ def stages(*overrides, kinds=FAKES):
 def why(ledger, *overrides, kinds=FAKES):
     """The reasons by kind of stage."""
     wanted = stages(*overrides, kinds=kinds)
-    told = reasons(wanted, ledger)
+    told = reasons(wanted, ledger, kinds)
     found: dict[str, set] = {}
     for stage in wanted:
         if stage.address in told:
@@ -63,6 +63,13 @@ def test_many_changes_are_counted(done):
     weights = [f"losses.weights.{name}=9" for name in ("chamfer", "collision", "guidance")]
     (text,) = why(done, *weights, "losses.weights.q1_upper=9", "training.seed=5")["finetune"]
     assert text.endswith("; and 2 more")
+
+
+def test_an_object_is_not_another_object_with_other_settings(done):
+    """What tells two stages of a kind apart is said by the kind; the engine has no word for it."""
+    nameless = {name: dataclasses.replace(kind, identity=()) for name, kind in FAKES.items()}
+    told = why(done, "objects.train=[procedural/new]", kinds=nameless)
+    assert any("-> procedural/new/0" in text for text in told["object"])
 
 
 def test_new_code_and_new_objects_are_told(done):

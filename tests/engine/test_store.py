@@ -13,7 +13,7 @@ from dmfc.engine.stage import closure
 from dmfc.engine.store import entries, find, prunable, prune, referred, verify
 from dmfc.errors import DmfcError
 from dmfc.pipeline.graph import GraphBuilder
-from dmfc.sweep.plan import plan_sweep
+from dmfc.sweep.planner import plan_sweep
 from dmfc.sweep.sweep_file import load_sweep
 from tests.support.fake_science import FAKES, fake_refs
 from tests.support.trivial_graph import TRIVIAL, trivial
@@ -59,23 +59,23 @@ def test_damage_is_seen(swept, ledger):
 
 
 def test_pruning_removes_what_no_sweep_needs(swept, ledger):
-    doomed = prunable(ledger, [swept.id])
+    doomed = prunable(ledger, swept.record().targets)
     assert [entry.name for entry in doomed] == ["alone"]
-    assert prunable(ledger, [swept.id], older_than_days=1) == []
+    assert prunable(ledger, swept.record().targets, older_than_days=1) == []
     left = ledger.store / "stages" / "add" / ".partial-k"
     left.mkdir()
     with ledger.lock(doomed[0].address):
         assert prune(Ledger(ledger.store), doomed) == []
     assert prune(ledger, doomed) == doomed
     assert not left.exists()
-    assert referred(ledger, [swept.id]) == set(ledger.addresses())
+    assert referred(ledger, swept.record().targets) == set(ledger.addresses())
     assert len(prunable(ledger, [])) == len(closure(swept.targets))
 
 
 @pytest.mark.parametrize("name", ["a.tar", "a.tar.gz"])
 def test_an_archive_carries_a_sweep_to_another_store(swept, ledger, tmp_path, name):
     archive, other = tmp_path / name, Ledger(tmp_path / "other")
-    addresses = referred(ledger, [swept.id])
+    addresses = referred(ledger, swept.record().targets)
     assert export(ledger, addresses, [swept.id], archive) == len(addresses)
     brought = take_in(other, archive)
     assert set(brought.stages) == set(other.addresses()) == addresses
@@ -93,7 +93,7 @@ def test_an_archive_carries_a_sweep_to_another_store(swept, ledger, tmp_path, na
 @pytest.mark.parametrize("scheme", ["file", "memory"])
 def test_an_archive_may_lie_at_a_url(swept, ledger, tmp_path, scheme):
     place, other = f"{scheme}://{tmp_path}/a.tar.gz", Ledger(tmp_path / "other")
-    addresses = referred(ledger, [swept.id])
+    addresses = referred(ledger, swept.record().targets)
     assert export_to(ledger, addresses, [swept.id], place) == len(addresses)
     with fetched(other, place) as local:
         assert set(take_in(other, local).stages) == addresses

@@ -1,8 +1,6 @@
-"""The hand, and scenes of planned grasps that the trials execute."""
+"""Scenes of planned grasps that the trials execute."""
 
 from __future__ import annotations
-
-from pathlib import Path
 
 import pytest
 
@@ -12,19 +10,8 @@ from dmfc.execution.evaluate import Evaluation
 from dmfc.hand.description import HandDescription
 from dmfc.hand.model import HandModel
 from dmfc.scenes.scene_set import SceneSet, write_shard
-from tests.support import grasp_shapes
 from tests.support.execution_shapes import good, scene_of, standing
 from tests.support.grasp_shapes import planned, shape
-
-
-@pytest.fixture(scope="session")
-def hand(shadow_hand_dir: Path) -> HandModel:
-    return grasp_shapes.shadow()[0]
-
-
-@pytest.fixture(scope="session")
-def description(hand: HandModel) -> HandDescription:
-    return grasp_shapes.shadow()[1]
 
 
 @pytest.fixture(scope="session")

@@ -78,15 +78,19 @@ def test_equal_confidences_keep_their_order() -> None:
 
 
 def test_labels_are_carried_into_the_world(hand: HandModel) -> None:
-    grasps = {shape(name).id: planned(name) for name in ("block", "ball")}
+    grasps = {}
+    for first, name in enumerate(("block", "ball")):
+        robustness = (first + np.arange(len(planned(name)))) / 100
+        grasps[shape(name).id] = dataclasses.replace(planned(name), robustness=robustness)
     T = [standing("ball", 0.1, 0.05), standing("block", -0.1, 0.0, turn=0.7)]
-    found = from_labels(scene_of(0, ["ball", "block"], T, [(0, 1), (0, 3), (1, 2)]), grasps, hand)
+    labels = [(1, 2), (0, 1), (0, 3)]  # a scene need not group them by object
+    found = from_labels(scene_of(0, ["ball", "block"], T, labels), grasps, hand)
     assert found.object_index.tolist() == [0, 0, 1]
     for row, (k, name, index) in enumerate([(0, "ball", 1), (0, "ball", 3), (1, "block", 2)]):
         expected = T[k] @ planned(name).T_object_palm[index]
-        assert found.T_world_palm(row) == pytest.approx(expected, abs=1e-12)
+        assert found.T[row] == pytest.approx(expected, abs=1e-12)
         assert np.array_equal(found.joints[row], planned(name).joints[index])
-        assert found.confidence[row] == planned(name).robustness[index]
+        assert found.confidence[row] == grasps[shape(name).id].robustness[index]
 
 
 def test_a_scene_without_labels_has_no_candidates(hand: HandModel) -> None:

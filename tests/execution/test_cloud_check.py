@@ -78,8 +78,7 @@ def test_the_same_as_every_point_against_every_link(hand: HandModel) -> None:
     points = surface("block", T, 400)
     found = clear(hand, grasps, points)
     wanted = [
-        clear_by_hand(hand, grasps.T_world_palm(row), grasps.joints[row], points)
-        for row in range(len(grasps))
+        clear_by_hand(hand, grasps.T[row], grasps.joints[row], points) for row in range(len(grasps))
     ]
     assert 4 < sum(wanted) < 22
     assert found.tolist() == wanted
@@ -90,10 +89,7 @@ def test_with_the_whole_surface_seen_it_agrees_with_planning_on_meshes(hand: Han
     trials = runner([shape("block")], [T])
     found = clear(hand, grasps, surface("block", T))
     planned_ones = np.array(
-        [
-            trials.plan(grasps.T_world_palm(row), grasps.joints[row], 0)[1].planned
-            for row in range(len(grasps))
-        ]
+        [trials.plan(grasps.T[row], grasps.joints[row], 0)[1].planned for row in range(len(grasps))]
     )
     assert 60 < planned_ones.sum() < 140
     assert (found == planned_ones).mean() > 0.95

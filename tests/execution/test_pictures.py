@@ -41,7 +41,7 @@ def test_skeletons_join_the_bodies_that_mujoco_places(
     lines = skeletons(proposed[np.arange(5)], hand)
     for row in range(5):
         world.reset()
-        world.place_palm(proposed.T_world_palm(row), proposed.joints[row])
+        world.place_palm(proposed.T[row], proposed.joints[row])
         mujoco.mj_kinematics(world.model, world.data)
         joined = {
             (world.model.body(b).name, world.model.body(world.model.body_parentid[b]).name)

@@ -9,8 +9,8 @@ import torch
 from dmfc.geometry import grid_atlas
 from dmfc.geometry.grid import Grid
 from dmfc.geometry.grid_atlas import FAR, GridAtlas
-from dmfc.geometry.rotations import random_rotations
 from dmfc.geometry.transforms import apply, inverse, transform
+from tests.support.rotations import random_rotations
 
 
 def ball(radius: float, spacing: float = 0.004) -> Grid:

@@ -39,7 +39,7 @@ def grasps(hand) -> GraspSet:
     hit = np.full((COUNT, 3), np.nan)
     pose = random.uniform(-0.1, 0.1, (COUNT, 3)), Rotation.random(COUNT, rng=random).as_matrix()
     unknown = [np.full(COUNT, np.nan)] * 4
-    return GraspSet(model.id, hand.name, list(hand.dof_names), *pose, joints, hit, *unknown)
+    return GraspSet(*pose, joints, model.id, hand.name, list(hand.dof_names), hit, *unknown)
 
 
 def imported(name, paths, hand, description, **options):

@@ -22,7 +22,8 @@ def some(count: int, **changes) -> GraspSet:
         "contacts": np.full(count, 4),
     }
     notes = {"proposed": "100", "checked": "20", "held": "5", "object_digest": "12ab"}
-    return GraspSet("a/b", "claw", ["j"], notes=notes, **values | changes)
+    names = {"object_id": "a/b", "hand": "claw", "dof_names": ["j"]}
+    return GraspSet(**names, notes=notes, **values | changes)
 
 
 def test_coverage_is_the_area_of_the_cones():

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 import torch
 
-from dmfc.geometry.rotations import geodesic_angle, random_rotations
+from dmfc.geometry.rotations import geodesic_angle
 from dmfc.geometry.transforms import apply, rotate, transform
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.mjcf import PREFIX
 from dmfc.hand.model import HandModel
+from tests.support.rotations import random_rotations
 
 COUPLED = {f"rh_{finger}J1": f"rh_{finger}J2" for finger in ("FF", "MF", "RF", "LF")}
 

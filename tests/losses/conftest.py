@@ -1,19 +1,16 @@
-"""Closed-form objects on grids, scenes of them, and the Shadow Hand."""
+"""Closed-form objects on grids, and scenes of them."""
 
 from __future__ import annotations
-
-from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
 from dmfc.geometry.grid import Grid
-from dmfc.geometry.rotations import random_rotations
 from dmfc.geometry.transforms import transform
-from dmfc.hand.model import HandModel
 from dmfc.objects.atlas import ObjectAtlas, SceneObjects
 from tests.support.loss_shapes import BOX, ball_distance, box_distance
+from tests.support.rotations import random_rotations
 
 
 @pytest.fixture(scope="session")
@@ -34,11 +31,3 @@ def scene(atlas: ObjectAtlas) -> SceneObjects:
     position = torch.tensor([[0, 0, 0.1], [0.12, 0, 0.1], [0.02, 0.01, 0.1], [0, 0, 0]])
     T = transform(rotation, position.double()).reshape(2, 2, 4, 4)
     return SceneObjects(atlas, torch.tensor([[0, 1], [0, -1]]), T)
-
-
-@pytest.fixture(scope="session")
-def hand(shadow_hand_dir: Path) -> HandModel:
-    from dmfc.config.hand import HandConfig
-    from dmfc.hand.build import build_hand
-
-    return build_hand(HandConfig())

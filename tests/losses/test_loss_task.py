@@ -8,12 +8,12 @@ import torch
 
 from dmfc.config.losses import LengthUnits, LossConfig, LossWeights, Q1Config
 from dmfc.errors import DmfcError
-from dmfc.geometry.rotations import matrix_from_6d, random_rotations, sixd_from_matrix
+from dmfc.geometry.rotations import matrix_from_6d, sixd_from_matrix
 from dmfc.hand.model import HandModel
-from dmfc.losses.clamp import clamp_joints
 from dmfc.losses.task import SceneTerms, active_terms, weighted_sum
 from dmfc.objects.atlas import SceneObjects
 from tests.support.loss_shapes import slope
+from tests.support.rotations import random_rotations
 
 ALL = ("collision", "guidance", "q1_upper", "q1_lower")
 
@@ -31,7 +31,7 @@ def grasps(hand: HandModel, dtype: torch.dtype = torch.float64):
 
 @pytest.mark.parametrize("name", ALL)
 def test_gradient_of_a_whole_grasp(hand: HandModel, scene: SceneObjects, name: str) -> None:
-    terms = SceneTerms(hand, LossConfig(q1=Q1Config(torque_weight=10.0), clamp="soft"))
+    terms = SceneTerms(hand, LossConfig(q1=Q1Config(torque_weight=10.0)))
     position, rotation, joints = grasps(hand)
 
     def loss(p: torch.Tensor, sixd: torch.Tensor, q: torch.Tensor) -> torch.Tensor:
@@ -87,20 +87,18 @@ def test_weights() -> None:
         weighted_sum({}, weights)
 
 
-def test_clamps() -> None:
-    lower, upper = torch.tensor([0.0, -1.0]).double(), torch.tensor([1.5, 1.0]).double()
-    joints = torch.tensor([[-0.5, 0.3], [0.7, 2.0]]).double().requires_grad_()
-    inside = torch.tensor([[0, 1], [1, 0]]).double()
-
-    def gradient(mode: str) -> torch.Tensor:
-        value = clamp_joints(joints, lower, upper, mode)  # type: ignore[arg-type]
-        assert (value >= lower).all()
-        assert (value <= upper).all()
-        assert torch.allclose(value, torch.clamp(joints, lower, upper), atol=0.015)
-        return torch.autograd.grad(value.sum(), joints)[0]
-
-    assert torch.equal(gradient("hard"), inside)
-    assert torch.equal(gradient("straight_through"), torch.ones(2, 2).double())
-    assert torch.allclose(gradient("soft"), inside, atol=1e-6)
-    near = torch.tensor([1.55, 0.9]).double().requires_grad_()
-    assert torch.autograd.gradcheck(lambda q: clamp_joints(q, lower, upper, "soft"), near)
+def test_joints_beyond_a_limit_are_clamped_and_have_no_gradient(
+    hand: HandModel, scene: SceneObjects
+) -> None:
+    terms = SceneTerms(hand, LossConfig())
+    position, rotation, joints = grasps(hand)
+    lower, upper = torch.from_numpy(hand.lower), torch.from_numpy(hand.upper)
+    joints = joints.clamp(lower + 0.01, upper - 0.01)
+    joints[0, 3], joints[1, 5] = upper[3] + 0.4, lower[5] - 0.4
+    joints.requires_grad_()
+    value = terms(position, rotation, joints, scene, ["guidance"])["guidance"]
+    inside = torch.minimum(torch.maximum(joints.detach(), lower), upper)
+    assert torch.equal(value, terms(position, rotation, inside, scene, ["guidance"])["guidance"])
+    gradient = torch.autograd.grad(value.sum(), joints)[0]
+    assert gradient[0, 3] == gradient[1, 5] == 0
+    assert (gradient != 0).any(dim=1).all()

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 
+import igl
 import numpy as np
 import pytest
 import trimesh
@@ -11,11 +13,13 @@ import trimesh
 from dmfc.config.objects import PrepareConfig
 from dmfc.errors import DmfcError
 from dmfc.objects.convex import convex_parts
+from dmfc.objects.mass import implausible_mass
 from dmfc.objects.mesh import clean
 from dmfc.objects.model import ObjectModel
 from dmfc.objects.prepare import prepare
-from dmfc.objects.sdf import exact_signed_distance, signed_distance_grid
-from dmfc.objects.sources import ObjectSource, find_object
+from dmfc.objects.sdf import signed_distance_grid
+from dmfc.objects.source import ObjectSource
+from dmfc.objects.sources import find_object
 
 CONFIG = PrepareConfig(
     sdf_spacing=0.002,
@@ -43,6 +47,14 @@ def box() -> ObjectModel:
 @pytest.fixture(scope="module")
 def cup() -> ObjectModel:
     return prepare(find_object("procedural/cup-0001"), CONFIG)
+
+
+def exact_signed_distance(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray):
+    """Signed distance at points [n, 3] by query of the mesh itself -> [n], positive inside."""
+    faces = faces.astype(np.int64)
+    squared, _, _ = igl.point_mesh_squared_distance(points, vertices, faces)
+    inside = igl.fast_winding_number(vertices.astype(np.float64), faces, points) > 0.5
+    return np.where(inside, 1.0, -1.0) * np.sqrt(squared)
 
 
 def band_error(model: ObjectModel, band: float, seed: int = 0, count: int = 4000) -> float:
@@ -247,6 +259,7 @@ def test_where_coacd_crashes_the_mesh_as_it_is_is_decomposed(tmp_path, monkeypat
 
 CRASHING = """
 import os, pathlib
+import igl
 import numpy as np
 def set_log_level(level): pass
 def Mesh(vertices, faces): return vertices
@@ -264,3 +277,39 @@ def two_boxes() -> trimesh.Trimesh:
     apart = trimesh.creation.box(BOX)
     apart.apply_translation([0.2, 0, 0])
     return trimesh.util.concatenate([trimesh.creation.box(BOX), apart])
+
+
+def pitcher(wall: float) -> trimesh.Trimesh:
+    """A closed shell: 12 x 12 x 20 cm outside, walls of `wall` metres."""
+    size = np.array([0.12, 0.12, 0.20])
+    inner = trimesh.creation.box(size - 2 * wall)
+    inner.invert()
+    return trimesh.util.concatenate(trimesh.creation.box(size), inner)
+
+
+def shell_mass(wall: float) -> float:
+    size = np.array([0.12, 0.12, 0.20])
+    return 400 * float(np.prod(size) - np.prod(size - 2 * wall))
+
+
+@pytest.mark.parametrize(
+    ("mesh", "known", "what"),
+    [
+        (pitcher(0.00006), None, r"test/mesh: a mass of 2\.\d+ g .* fills 2.88e\+03 cm\^3 .*"),
+        (pitcher(0.005), None, ""),
+        (pitcher(0.00006), 0.2, ""),
+        (trimesh.creation.box(BOX), 240.0, r"2.4e\+05 g .*as its source has it"),
+        (trimesh.creation.box(BOX), 0.001, r"a mass of 1 g is implausible"),
+        (trimesh.creation.box(BOX), None, ""),
+    ],
+)
+def test_an_implausible_mass_is_warned_of(mesh, known, what):
+    model = prepare(source_of(mesh, mass=known), dataclasses.replace(CONFIG, convex_single=0.0))
+    warning = implausible_mass(model)
+    assert bool(warning) == bool(what)
+    assert re.search(what, warning)
+    if known is None and warning:
+        assert model.mass == pytest.approx(shell_mass(0.00006), rel=1e-3)
+        assert "mass from density 400 kg/m^3" in warning
+        assert "objects.prepare.density" in warning
+    assert "\n" not in warning

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
+from unittest.mock import ANY
+
 import numpy as np
 import pytest
 import trimesh
@@ -113,6 +116,79 @@ def test_folder(tmp_path):
         found[0].load()
 
 
+def boxes_at(*paths):
+    """Boxes of different sizes in files; returns the folder of the first."""
+    for number, path in enumerate(paths, start=4):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        trimesh.creation.box((0.04, 0.05, number / 100)).export(path)
+    return paths[0].parent
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["кружка", "чаша"],
+        ["杯子", "碗"],
+        ["κούπα", "μπολ"],
+        ["فنجان", "وعاء"],
+        ["tasse à thé", "tässe ä thé"],
+        ["काला", "काली"],
+    ],
+)
+def test_names_in_any_script_are_names(tmp_path, names):
+    folder = boxes_at(*(tmp_path / f"{name}.stl" for name in names))
+    found = list_objects([f"folder:{folder}"])
+    expected = {f"folder/{name.replace(' ', '-')}" for name in names}
+    assert {source.id for source in found} == expected
+    for source in found:
+        assert find_object(source.selector).id == source.id
+
+
+def test_one_name_written_in_two_ways_is_one_name(tmp_path):
+    """macOS writes é as e and an accent."""
+    folder = boxes_at(tmp_path / "a" / "th\u00e9.stl", tmp_path / "b" / "the\u0301.stl")
+    (one,) = list_objects([f"folder:{folder}"])
+    (other,) = list_objects([f"folder:{tmp_path / 'b'}"])
+    assert one.id == other.id == "folder/th\u00e9"
+
+
+def test_links_to_folders_are_followed_and_hidden_files_left_out(tmp_path):
+    real = boxes_at(tmp_path / "real" / "deep" / "box.obj", tmp_path / "real" / "ball.stl")
+    seen = tmp_path / "seen"
+    seen.mkdir()
+    (seen / "link").symlink_to(tmp_path / "real", target_is_directory=True)
+    (real / "round").symlink_to(seen, target_is_directory=True)  # links may go round
+    (seen / "._box.obj").write_bytes(b"\x00\x05\x16\x07")
+    (seen / ".git").mkdir()
+    (seen / ".git" / "old.stl").write_bytes(b"")
+    (seen / "broken.stl").symlink_to(tmp_path / "nowhere.stl")
+    found = list_objects([f"folder:{seen}"])
+    assert [source.id for source in found] == ["folder/link-ball", "folder/link-deep-box"]
+    assert [len(source.load().faces) for source in found] == [12, 12]
+
+
+def test_a_folder_may_have_any_name(tmp_path):
+    folder = boxes_at(tmp_path / "what? 50% #1 & [a,b]" / "x=1.stl", tmp_path / "c.stl")
+    (found,) = list_objects([f"folder:{folder}"])
+    assert find_object(found.selector) == dataclasses.replace(found, loader=ANY)
+    (in_mm,) = list_objects([f"folder:{folder}?unit=mm"])
+    assert find_object(in_mm.selector).digest == in_mm.digest != found.digest
+
+
+def test_normalised_meshes_get_their_size_by_a_scale(tmp_path):
+    folder = boxes_at(tmp_path / "sub" / "box.stl", tmp_path / "sub" / "deep" / "box.stl").parent
+    small, _ = list_objects([f"folder:{folder}?scale=0.5"])
+    large, _ = list_objects([f"folder:{folder}?unit=cm&scale=50"])
+    assert [small.id, large.id] == ["folder/sub-box-0.5", "folder/sub-box-50"]
+    np.testing.assert_allclose(small.load().extents, [0.02, 0.025, 0.02], rtol=1e-5)
+    np.testing.assert_allclose(large.load().extents, [0.02, 0.025, 0.02], rtol=1e-5)
+    assert find_object(large.selector) == dataclasses.replace(large, loader=ANY)
+    assert len(list_objects([f"folder:{folder}?scale=0.5", f"folder:{folder}?scale=0.6"])) == 4
+    for wrong in ("scale=0", "scale=-1", "scale=nan", "scale=x", "scale=1e999", "size=2", ""):
+        with pytest.raises(DmfcError, match="folder"):
+            list_objects([f"folder:{folder}?{wrong}"])
+
+
 OWN = """
 import trimesh
 from dmfc.objects.custom import OwnObject
@@ -120,6 +196,9 @@ from dmfc.objects.custom import OwnObject
 def boxes():
     return [OwnObject(f"box-{n}", lambda: trimesh.creation.box((0.04, 0.05, 0.06)), mass=0.2)
             for n in (1, 2)] + [OwnObject("odd", lambda: 1)]
+
+def named():
+    return [OwnObject("кружка", lambda: None)]
 
 def wrong():
     return [OwnObject("a b", lambda: None)]
@@ -138,6 +217,7 @@ def test_a_source_of_the_users_own(tmp_path, monkeypatch):
     found = list_objects(["mine.py:boxes"])
     assert [source.id for source in found] == ["own/box-1", "own/box-2", "own/odd"]
     assert len({source.digest for source in found}) == 3
+    assert ids("mine.py:named") == ["own/кружка"]
     (one,) = list_objects(["mine.py:boxes/box-2"])
     assert (one.digest, one.mass) == (found[1].digest, 0.2)
     np.testing.assert_allclose(one.load().extents, [0.04, 0.05, 0.06])
@@ -190,4 +270,5 @@ def test_generated_shapes(number):
 
 def test_families_go_round():
     names = [procedural.name_of(i).split("-")[0] for i in range(24)]
-    assert names[:12] == names[12:] == procedural.family_names()
+    assert names[:12] == names[12:]
+    assert len(set(names)) == 12

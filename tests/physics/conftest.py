@@ -2,19 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 from dmfc.config.physics import PhysicsConfig
-from dmfc.hand.description import HandDescription, load_description
+from dmfc.hand.description import HandDescription
 from dmfc.physics.world import World
 from tests.support.physics_shapes import STANDING, block, place, pose
-
-
-@pytest.fixture(scope="session")
-def description(shadow_hand_dir: Path) -> HandDescription:
-    return load_description("shadow")
 
 
 @pytest.fixture(scope="session")

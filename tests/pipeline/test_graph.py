@@ -12,7 +12,7 @@ from dmfc.files.digest import file_digest
 from dmfc.grasps.library import library_file
 from dmfc.pipeline.graph import GraphBuilder, ObjectRef, without
 from dmfc.pipeline.stages import check_own_losses
-from dmfc.sweep.plan import plan_sweep
+from dmfc.sweep.planner import plan_sweep
 from dmfc.sweep.sweep_file import load_sweep
 from tests.support.fake_science import fake_refs
 
@@ -71,8 +71,6 @@ def test_table_one_shares_data_and_pretraining(builder):
         ("scenes.train.seed=5", {"scenes", "pretrain", "finetune", "evaluate"}),
         ("scenes.test.seed=5", {"scenes", "evaluate"}),
         ("grasps.per_object=7", {"grasps", "scenes", "pretrain", "finetune", "evaluate"}),
-        ("grasps.refine.steps=0", set()),
-        ("grasps.refine.steps=5", {"grasps", "scenes", "pretrain", "finetune", "evaluate"}),
         (
             "objects.prepare.sdf_spacing=0.006",
             {"object", "grasps", "scenes", "pretrain", "finetune", "evaluate"},
@@ -213,9 +211,9 @@ def test_an_empty_object_list_is_an_error(builder):
             builder.cell(config, "pretrained", "c")
 
 
-def test_no_scenes_is_an_error(builder):
-    config = load_config("smoke", ["scenes.test.count=0"])
-    with pytest.raises(DmfcError, match=r"scenes\.test\.count"):
+def test_a_scene_set_in_too_many_shards_is_an_error(builder):
+    config = load_config("smoke", ["scenes.test.count=9000", "scenes.shard_size=1"])
+    with pytest.raises(DmfcError, match=r"scenes\.test\.count 9,000 in shards of 1 makes 9,000"):
         builder.cell(config, "pretrained", "c")
 
 

@@ -9,7 +9,7 @@ from dmfc.engine.engine import run_stages
 from dmfc.engine.ledger import Ledger
 from dmfc.pipeline.graph import GraphBuilder
 from dmfc.report.collect import collect, read_sweep, table_of
-from dmfc.sweep.plan import plan_sweep
+from dmfc.sweep.planner import plan_sweep
 from dmfc.sweep.sweep_file import load_sweep
 from tests.support.fake_science import FAKES, fake_refs
 

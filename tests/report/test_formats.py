@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+from types import SimpleNamespace
 
 import pandas as pd
 import pytest
@@ -14,6 +15,7 @@ from dmfc.report.failures import draw_failures
 from dmfc.report.figure import draw_rates
 from dmfc.report.formats import to_csv, to_json, to_latex, to_markdown, to_rich
 from dmfc.report.table import CellRows, make_table
+from dmfc.sweep.record import CellRecord
 
 
 def trials(planned, held, n, objects=("ycb/mug", "ycb/banana")):
@@ -199,6 +201,6 @@ def test_curves_name_a_cell_that_begins_with_an_underscore(ledger, tmp_path, mon
     folder.mkdir(parents=True)
     (folder / "stage.json").write_text("{}")
     (folder / "metrics.jsonl").write_text('{"epoch": 0, "loss": 1.0, "split": "train"}\n')
-    cell = {"pretrain": None, "model": "finetune/x", "label": "_a$b$", "seed": 0}
-    assert draw_curves(ledger, {"cells": [cell]}, tmp_path / "curves.png")
+    cell = CellRecord("a", "_a$b$", "finetuned", 0, 8, "finetune/x", None, (), {})
+    assert draw_curves(ledger, SimpleNamespace(cells=[cell]), tmp_path / "curves.png")
     assert "_a$b$, seed 0" in drawn

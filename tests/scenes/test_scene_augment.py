@@ -1,4 +1,4 @@
-"""Errors of the cameras, of depth and of their own pose, in the loader or in a set; kept images."""
+"""Errors of the cameras, of depth and of their own pose, in the loader or in a set."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -15,19 +14,14 @@ from dmfc.config.scenes import (
     AugmentationConfig,
     CameraConfig,
     MatchingConfig,
-    ScenesConfig,
     SensorConfig,
 )
 from dmfc.geometry import transforms
 from dmfc.scenes.augment import sensor_errors
-from dmfc.scenes.make import SceneMaker, make_scene_file
+from dmfc.scenes.make import SceneMaker
 from dmfc.scenes.matching import match_grasps
 from dmfc.scenes.scene_grasps import grasps_in_scene
-from dmfc.scenes.scene_set import SceneSet
-from dmfc.scenes.views import scene_views
 from dmfc.sensing.cameras import table_cameras
-from dmfc.sensing.depth import decode, views_of
-from dmfc.training.data import SceneDataset
 
 CAMERAS = table_cameras(CameraConfig())
 POSITIONS = np.stack([camera.position for camera in CAMERAS])
@@ -101,67 +95,6 @@ def test_a_set_can_hold_the_errors(config, objects, scenes):
     assert len(np.unique(found.points, axis=0)) == 1536
     distance = np.linalg.norm(found.points[:, None] - exact.points[None], axis=2).min(1)
     assert 0.0005 < distance.mean() < 0.002
-
-
-@pytest.fixture(scope="module")
-def kept(tmp_path_factory, config, objects, grasps, hand) -> tuple[ScenesConfig, SceneSet]:
-    """The seven scenes with their depth images."""
-    config = dataclasses.replace(config, depth="keep")
-    path = tmp_path_factory.mktemp("kept") / "scenes.parquet"
-    make_scene_file(config, config.train, range(7), objects, grasps, hand, path)
-    return config, SceneSet.open([path])
-
-
-def test_kept_images_are_those_that_are_rendered(kept, scenes, objects):
-    config, stored = kept
-    for scene, made in zip(stored, scenes, strict=True):
-        assert np.abs(scene.points - made.points).max() < 2e-5  # the cloud is the same
-    rendered = scene_views(config, scenes[3], objects)
-    decoded = scene_views(config, stored[3], None)
-    for ours, theirs in zip(rendered, decoded, strict=True):
-        assert (ours.object_index == theirs.object_index).all()
-        assert np.abs(ours.depth - theirs.depth).max() < 1e-5
-    assert scene_views(config, scenes[3], None) == []
-
-
-def test_training_draws_another_cloud_from_kept_images(kept, grasps, objects, hand):
-    config, stored = kept
-    still = AugmentationConfig(
-        yaw=False, shift=0.0, noise=0.0, dropped=0.0, camera_shift=0.0, camera_turn=0.0
-    )
-    arguments = (stored, grasps, list(objects), hand.palm_reference, MatchingConfig())
-    drawn = SceneDataset(*arguments, config.cameras, still)
-    first, second = drawn[0, 1]["points"].numpy(), drawn[1, 1]["points"].numpy()
-    assert first.shape == (2048, 3)
-    both = np.concatenate([first, second])
-    assert len(np.unique(both, axis=0)) > 3500  # of tens of thousands of pixels
-    assert (drawn[1, 1]["points"].numpy() == second).all()
-    plain = SceneDataset(*arguments, config.cameras)[0, 1]["points"].numpy()
-    assert (plain == stored[1].points).all()
-    scene, owner = stored[1], np.full(len(first), np.inf)
-    for name, T in zip(scene.object_ids, scene.T_world_object, strict=True):
-        mesh = trimesh.Trimesh(objects[name].vertices, objects[name].faces)
-        local = transforms.apply(transforms.inverse(T), first.astype(np.float64))
-        owner = np.minimum(owner, trimesh.proximity.closest_point(mesh, local)[1])
-    assert owner.max() < 1e-4
-
-
-def test_kept_normals_and_objects_are_those_of_the_surface(kept, objects):
-    config, stored = kept
-    scene = stored[0]
-    pixels, normals = decode(scene.depth)
-    views = views_of(pixels, CAMERAS, config.table_size)
-    assert sum(int((view.object_index >= 0).sum()) for view in views) == len(pixels) > 20_000
-    points = pixels.points(CAMERAS)[0]
-    for index, name in enumerate(scene.object_ids):
-        mine = np.flatnonzero(pixels.object_index == index)[::50]
-        mesh = trimesh.Trimesh(objects[name].vertices, objects[name].faces)
-        T_object_world = transforms.inverse(scene.T_world_object[index])
-        local = transforms.apply(T_object_world, points[mine])
-        _, distance, face = trimesh.proximity.closest_point(mesh, local)
-        assert distance.max() < 1e-4
-        turned = transforms.rotate(T_object_world, normals[mine].astype(np.float64))
-        assert ((turned * mesh.face_normals[face]).sum(1) > 0.999).mean() > 0.97
 
 
 @settings(max_examples=20, deadline=None)

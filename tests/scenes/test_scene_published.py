@@ -17,18 +17,15 @@ from dmfc.errors import DmfcError
 from dmfc.network.checkpoint import new_network
 from dmfc.network.inference import predict
 from dmfc.scenes.custom import cloud_scene, import_clouds, read_cloud
-from dmfc.scenes.make import make_shard
 from dmfc.scenes.publish.published import PublishedSet, packs_of, publish
-from dmfc.training.data import SceneDataset, collate
+from dmfc.training.batch import collate
+from dmfc.training.data import SceneDataset
 
 
 @pytest.fixture(scope="module")
-def files(tmp_path_factory, config, objects, grasps, hand):
+def files(tmp_path_factory, shards, grasps):
     """Shards and grasp sets as stages leave them."""
     folder = tmp_path_factory.mktemp("made")
-    shards = [folder / f"{number}.parquet" for number in range(3)]
-    for number, path in enumerate(shards):
-        make_shard(config, "train", number, objects, grasps, hand, path)
     sets = {name: folder / f"{name.replace('/', '-')}.grasps" for name in grasps}
     for name, path in sets.items():
         grasps[name].save(path)
@@ -164,9 +161,9 @@ def test_an_own_cloud_goes_through_loader_and_network(hand, tmp_path):
         [scene], {}, [], hand.palm_reference, MatchingConfig(), CameraConfig(), seeds=64
     )
     batch = collate([dataset[0], dataset[0]])
-    assert batch["object_index"].shape == (2, 0)
-    assert batch["object_index"].dtype == torch.int64
-    assert not batch["grasp_mask"].any()
+    assert batch.object_index.shape == (2, 0)
+    assert batch.object_index.dtype == torch.int64
+    assert not batch.grasp_mask.any()
     small = NetworkConfig(levels=[64, 16, 8], neighbours=[4, 4, 4])
     found = predict(new_network(small, hand), scene.points)
     assert found.position.shape == (64, 3)

@@ -9,27 +9,11 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from dmfc.config.scenes import ScenesConfig, SceneSetConfig
 from dmfc.errors import DmfcError
 from dmfc.scenes import scene_set
-from dmfc.scenes.make import (
-    make_scene_file,
-    make_shard,
-    shard_count,
-    shard_objects,
-    shard_scenes,
-)
+from dmfc.scenes.layout import choose_objects
+from dmfc.scenes.make import make_scene_file
 from dmfc.scenes.scene_set import Scene, SceneSet, write_shard
-
-
-@pytest.fixture(scope="module")
-def shards(tmp_path_factory, config, objects, grasps, hand):
-    """The set of seven scenes in three shards."""
-    folder = tmp_path_factory.mktemp("shards")
-    paths = [folder / f"{shard}.parquet" for shard in range(3)]
-    for shard, path in enumerate(paths):
-        make_shard(config, "train", shard, objects, grasps, hand, path)
-    return paths
 
 
 def test_scenes_are_read_back(shards, scenes):
@@ -63,7 +47,7 @@ def test_same_seed_same_bytes_and_shards_do_not_matter(
     tmp_path, shards, config, objects, grasps, hand
 ):
     again, more = tmp_path / "again.parquet", tmp_path / "more.parquet"
-    make_shard(config, "train", 1, objects, grasps, hand, again)
+    make_scene_file(config, config.train, range(3, 6), objects, grasps, hand, again)
     assert again.read_bytes() == shards[1].read_bytes()
     larger = dataclasses.replace(config.train, count=1000)
     make_scene_file(config, larger, range(3, 6), objects, grasps, hand, more)
@@ -81,32 +65,26 @@ def test_manifest_says_what_was_made(shards, objects):
 
 
 def test_only_objects_of_the_shard_are_looked_up(tmp_path, config, objects):
-    names = shard_objects(config, "train", 2, list(objects))
+    names = choose_objects(config.train, list(objects), 6)
 
     class Lazy(dict):
         def __getitem__(self, name):
             assert name in names
             return objects[name]
 
-    counts = make_shard(
-        config, "train", 2, Lazy.fromkeys(objects), None, None, tmp_path / "x.parquet"
-    )
+    lazy, out = Lazy.fromkeys(objects), tmp_path / "x.parquet"
+    counts = make_scene_file(config, config.train, range(6, 7), lazy, None, None, out)
     assert counts["scenes"] == 1
     assert counts["grasps"] == 0
-    assert len(SceneSet.open([tmp_path / "x.parquet"])[0].grasp_index) == 0
-
-
-def test_shards_cover_the_set(config):
-    numbers = [
-        n for s in range(shard_count(config, "train")) for n in shard_scenes(config, "train", s)
-    ]
-    assert numbers == list(range(7))
+    assert len(SceneSet.open([out])[0].grasp_index) == 0
 
 
 def test_progress_is_told(tmp_path, config, objects):
     told: list[tuple[float, str]] = []
     out = tmp_path / "x.parquet"
-    make_shard(config, "train", 0, objects, None, None, out, lambda f, m: told.append((f, m)))
+    make_scene_file(
+        config, config.train, range(3), objects, None, None, out, lambda f, m: told.append((f, m))
+    )
     assert [f for f, _ in told] == pytest.approx([1 / 3, 2 / 3, 1])
     assert told[0][1] == "scene 0"
 
@@ -161,11 +139,7 @@ def test_errors(tmp_path, shards, config, objects, grasps, scenes):
     pq.write_table(pq.read_table(shards[0]).replace_schema_metadata({}), other)
     with pytest.raises(DmfcError, match="format version none, expected 2"):
         SceneSet.open([other])
-    with pytest.raises(DmfcError, match="no shard 3: the train set has 3"):
-        make_shard(config, "train", 3, objects, None, None, other)
-    with pytest.raises(DmfcError, match=r"scenes\.train\.count"):
-        shard_count(ScenesConfig(train=SceneSetConfig(count=0)), "train")
     with pytest.raises(DmfcError, match="need the hand"):
-        make_shard(config, "train", 0, objects, grasps, None, other)
+        make_scene_file(config, config.train, range(3), objects, grasps, None, other)
     with pytest.raises(DmfcError, match="cannot be written"):
         write_shard(tmp_path / "no" / "folder.parquet", scenes[:1], {})

@@ -9,16 +9,20 @@ import time
 
 import pandas as pd
 
-from dmfc.cli.evaluate import CHECKS
 from dmfc.engine.kinds import StageKind
 from dmfc.errors import DmfcError
+from dmfc.experiment.evaluation import CHECKS
 from dmfc.pipeline.graph import ObjectRef
 from dmfc.pipeline.kinds import KINDS
 from dmfc.pipeline.stages import present, whole
 
 FAKES = {
     name: StageKind(
-        name, f"tests.support.fake_science:{name}", kind.version, may_fail=kind.may_fail
+        name,
+        f"tests.support.fake_science:{name}",
+        kind.version,
+        may_fail=kind.may_fail,
+        identity=kind.identity,
     )
     for name, kind in KINDS.items()
 }
@@ -44,7 +48,7 @@ def grasps(ctx):
 
 
 def scenes(ctx):
-    given = present if ctx.hints.get("lacking") == "allowed" else whole
+    given = present if ctx.config.get("failed_objects") == "left out" else whole
     (ctx.out / "objects").write_text(str(len(given(ctx.input_list("objects")))))
     numbers = list(range(ctx.config["start"], ctx.config["stop"]))
     (ctx.out / "scenes.json").write_text(json.dumps(numbers))

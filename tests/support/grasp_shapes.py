@@ -29,7 +29,7 @@ BALL_RADIUS = 0.033
 @cache
 def shadow() -> tuple[HandModel, HandDescription]:
     """Needs the hand's pack: tests ask for the fixture `shadow_hand_dir` first."""
-    return build_hand(HandConfig(link_sdf_spacing=0.004)), load_description("shadow")
+    return build_hand(HandConfig()), load_description("shadow")
 
 
 @cache

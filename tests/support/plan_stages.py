@@ -64,7 +64,8 @@ def grasps(ctx):
 def main(log: str, seconds: str, *arguments: str) -> None:
     """`dmfc ARGUMENTS` on the shapes, in this process alone."""
     from dmfc.cli import main as cli
-    from dmfc.sweep import engine, pools, selection
+    from dmfc.engine import engine, pools
+    from dmfc.pipeline import selection
 
     module = sys.modules.get(ENTRY) or __import__(ENTRY, fromlist=["pace"])
     module.pace.update(log=log, seconds=seconds)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from dmfc.config.scenes import ScenesConfig, SceneSetConfig
 from dmfc.grasps.grasp_set import GraspSet
 from dmfc.hand.model import HandModel
 from dmfc.objects.model import ObjectModel
-from dmfc.scenes.make import SceneMaker
+from dmfc.scenes.make import SceneMaker, make_scene_file
 from dmfc.scenes.scene_set import Scene
 from tests.support import scene_shapes
 
@@ -31,6 +33,23 @@ def hand() -> HandModel:
 @pytest.fixture(scope="session")
 def config() -> ScenesConfig:
     return ScenesConfig(train=SceneSetConfig(kind="multi", count=7), shard_size=3)
+
+
+@pytest.fixture(scope="session")
+def shards(
+    tmp_path_factory: pytest.TempPathFactory,
+    config: ScenesConfig,
+    objects: dict[str, ObjectModel],
+    grasps: dict[str, GraspSet],
+    hand: HandModel,
+) -> list[Path]:
+    """The seven scenes in three shards."""
+    folder = tmp_path_factory.mktemp("shards")
+    paths = []
+    for numbers in (range(3), range(3, 6), range(6, 7)):
+        paths.append(folder / f"{len(paths)}.parquet")
+        make_scene_file(config, config.train, numbers, objects, grasps, hand, paths[-1])
+    return paths
 
 
 @pytest.fixture(scope="session")

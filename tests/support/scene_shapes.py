@@ -157,7 +157,7 @@ def grasps_around(model: ObjectModel, count: int, seed: int = 0) -> GraspSet:
     rotation = np.stack([side, np.cross(inside, side), inside], axis=2)
     joints = generator.uniform(-0.5, 0.5, (count, 1))
     scalars = generator.uniform(size=(4, count))
-    return GraspSet(model.id, "paddle", ["bend"], position, rotation, joints, hit, *scalars)
+    return GraspSet(position, rotation, joints, model.id, "paddle", ["bend"], hit, *scalars)
 
 
 def with_faces(model: ObjectModel, faces: np.ndarray) -> ObjectModel:

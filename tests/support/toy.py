@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import lightning
 import numpy as np
 import torch
-from torch import Tensor
 from torch.utils.data import DataLoader
 
 from dmfc.config.network import NetworkConfig
@@ -16,7 +15,8 @@ from dmfc.geometry.points import farthest_points
 from dmfc.geometry.rotations import matrix_from_6d
 from dmfc.hand.model import HandModel
 from dmfc.objects.atlas import ObjectAtlas
-from dmfc.training.data import EpochSampler, collate
+from dmfc.training.batch import Batch, SceneItem, collate
+from dmfc.training.data import EpochSampler
 
 SEEDS = 32
 NETWORK = NetworkConfig(
@@ -101,7 +101,7 @@ def toy_atlas() -> ObjectAtlas:
     )
 
 
-def toy_scene(number: int) -> dict[str, Tensor]:
+def toy_scene(number: int) -> SceneItem:
     """A box on the table, one or two grasps from above per seed on its upper half, as an item."""
     generator = np.random.default_rng(number)
     which = number % 2
@@ -121,33 +121,31 @@ def toy_scene(number: int) -> dict[str, Tensor]:
     match = np.zeros((SEEDS, count), dtype=bool)
     match[np.flatnonzero(top), np.arange(count)] = True
     match[np.flatnonzero(top), (np.arange(count) + 1) % count] = True
-    return {
-        "points": torch.from_numpy(points),
-        "seed_index": torch.from_numpy(seeds),
-        "grasp_position": torch.from_numpy(position.astype(np.float32)),
-        "grasp_rotation": down,
-        "grasp_joints": torch.from_numpy(
-            generator.uniform(0.1, 0.5, (count, 2)).astype(np.float32)
-        ),
-        "match": torch.from_numpy(match),
-        "object_index": torch.tensor([which]),
-        "T_world_object": torch.from_numpy(T.astype(np.float32))[None],
-        "scene": torch.tensor(100 + number),
-    }
+    return SceneItem(
+        points=torch.from_numpy(points),
+        seed_index=torch.from_numpy(seeds),
+        grasp_position=torch.from_numpy(position.astype(np.float32)),
+        grasp_rotation=down,
+        grasp_joints=torch.from_numpy(generator.uniform(0.1, 0.5, (count, 2)).astype(np.float32)),
+        match=torch.from_numpy(match),
+        object_index=torch.tensor([which]),
+        T_world_object=torch.from_numpy(T.astype(np.float32))[None],
+        scene_number=torch.tensor(100 + number),
+    )
 
 
-def toy_batch(count: int = 4) -> dict[str, Tensor]:
+def toy_batch(count: int = 4) -> Batch:
     return collate([toy_scene(i) for i in range(count)])
 
 
 class _Items(torch.utils.data.Dataset):
-    def __init__(self, items: list[dict[str, Tensor]]) -> None:
+    def __init__(self, items: list[SceneItem]) -> None:
         self.items = items
 
     def __len__(self) -> int:
         return len(self.items)
 
-    def __getitem__(self, key: tuple[int, int]) -> dict[str, Tensor]:
+    def __getitem__(self, key: tuple[int, int]) -> SceneItem:
         return self.items[key[1]]
 
 

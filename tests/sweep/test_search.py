@@ -14,7 +14,7 @@ from dmfc.errors import DmfcError
 from dmfc.experiment import drive as cli_drive
 from dmfc.pipeline.graph import GraphBuilder
 from dmfc.report.collect import table_of
-from dmfc.sweep.plan import plan_sweep
+from dmfc.sweep.planner import plan_sweep
 from dmfc.sweep.search import Range, Search, suggest
 from dmfc.sweep.sweep_file import load_sweep
 from tests.support.fake_science import FAKES, fake_refs
@@ -108,7 +108,7 @@ def test_a_search_trains_each_trial_once_and_executes_the_best(search, ledger):
     plan, ran = to_the_end(search(ledger), ledger)
     assert len(ran) == len(set(ran))
     assert set(ran) == set(ledger.addresses())
-    trials = table_of(ledger, plan.describe()).trials
+    trials = table_of(ledger, plan.record()).trials
     assert [trial.name for trial in trials] == [f"trial-{n:03d}" for n in range(5)]
     done = [trial for trial in trials if trial.value is not None]
     assert {trial.settings["losses.weights.guidance"] for trial in done} == {1}
@@ -129,7 +129,7 @@ def test_a_search_trains_each_trial_once_and_executes_the_best(search, ledger):
     assert {s.address for s in plan_again.targets if not ledger.finished(s.address)} == failed
     again, ran_again = to_the_end(plan_again, ledger)
     assert ran_again == []
-    assert again.describe()["search"] == plan.describe()["search"]
+    assert again.search == plan.search
 
 
 def test_a_killed_search_goes_on_to_the_same_trials(search, ledger, tmp_path):
@@ -142,7 +142,7 @@ def test_a_killed_search_goes_on_to_the_same_trials(search, ledger, tmp_path):
     made = {address: ledger.record(address)["started"] for address in ledger.addresses()}
     resumed, _ = to_the_end(search(ledger), ledger)
     assert resumed.id == whole.id
-    assert resumed.describe()["search"] == whole.describe()["search"]
+    assert resumed.search == whole.search
     assert set(ledger.addresses()) == set(calm.addresses())
     assert all(ledger.record(address)["started"] == at for address, at in made.items())
 
@@ -151,8 +151,8 @@ def test_more_trials_go_on_and_another_space_begins_anew(search, ledger, tmp_pat
     first, _ = to_the_end(search(ledger), ledger)
     more, _ = to_the_end(search(ledger, "run.search_trials=7"), ledger)
     assert more.id == first.id
-    assert more.search["trials"][:5] == first.search["trials"]
-    assert len(more.search["trials"]) == 7
+    assert more.search.trials[:5] == first.search.trials
+    assert len(more.search.trials) == 7
     path = tmp_path / "weights.yaml"
     path.write_text(TEXT.replace("high: 1000", "high: 10"))
     assert search(ledger).id != first.id
@@ -210,10 +210,15 @@ def driven_search(search, ledger, empty_database, monkeypatch):
         ("kind: search\n", "", "'kind: search' and the key 'search' belong together"),
         ("kind: search\n", "kind: serach\n", "did you mean 'search'"),
         ("  trials: 5\n", "", "wants 'trials'"),
-        ("trials: 5", "trials: 0", "trials wants a whole number from 1, not 0"),
+        ("trials: 5", "trials: 0", "trials wants a whole number from 1 to 100000, not 0"),
         ("coverage: 1", "covrage: 1", "did you mean 'coverage'"),
         ("{low: 0.001, high: 1000, log: true}", "{low: 0, high: 1, log: true}", "above 0"),
         ("{low: 0.001, high: 1000, log: true}", "3", "wants 'key: value' pairs"),
+        ("{low: 0.001, high: 1000, log: true}", "{low: -1, high: 1}", "must be from 0 to 1000000"),
+        ("{low: 0.001, high: 1000, log: true}", "{low: 0, high: inf}", "wants {low, high, log}"),
+        ("{low: 0.001, high: 1000, log: true}", "[1, nan]", "must be a finite number"),
+        ("losses.weights.collision:", "training.batch_size:", "batch_size: Value '0.001'"),
+        ("coverage: 1", "coverage: nan", "wants a number"),
         ("losses.weights.collision:", "losses.weights.colision:", "losses.weights.collision"),
         ("[held]", "[]", "needs validation.objects"),
         ("  paper: {model", "  best: {model", "the cells that a search adds"),
@@ -235,5 +240,5 @@ def test_the_shipped_search_is_over_all_five_weights(ledger):
         for name in ("chamfer", "collision", "guidance", "q1_upper", "confidence")
     }
     plan = plan_sweep(sweep, GraphBuilder(fake_refs, FAKES), "smoke", (), ledger)
-    assert plan.search["wanted"] == 3
-    assert len(plan.search["trials"]) == sweep.search.parallel
+    assert plan.search.wanted == 3
+    assert len(plan.search.trials) == sweep.search.parallel

@@ -9,6 +9,12 @@ from dmfc.errors import DmfcError
 from dmfc.sweep.sweep_file import cell_config, load_sweep
 
 CELL = "cells:\n  a: {model: pretrained}\n"
+A_LOT = list(range(500))
+BOMB = "a: &a [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
+    f"{name}: &{name} [{', '.join(10 * ['*' + before])}]\n"
+    for before, name in zip("abcdefgh", "bcdefghi", strict=True)
+)
+"""Each of its names repeats the one before ten times: a thousand million values on ten lines."""
 
 
 def resolve(path: str) -> None:
@@ -55,6 +61,29 @@ def error(tmp_path, text) -> str:
         ("table: {show: [vaild]}\n" + CELL, "did you mean 'valid'"),
         ("table: {rows: []}\n" + CELL, "unknown key 'rows'"),
         ("matrix: {axis: {}}\n" + CELL, "did you mean 'axes'"),
+        ("matrix: {axes: {training.seed: [1]}}\ncells: [{name: a}]\n", "beside a matrix"),
+        ("matrix: {axes: {training.seed: [1]}}\ncells: {a: 3}\n", "cell 'a': wants 'key: value'"),
+        ("matrix: {axes: {training.seed: [1]}, exclude: a}\n", "exclude wants a list"),
+        ("matrix: {axes: {training.seed: [1]}, cells: [a]}\n", "matrix: cells: wants"),
+        (f"matrix: {{axes: {{training.seed: {A_LOT}, x: {A_LOT}}}}}\n", "250,000 combinations"),
+        (f"seeds: {list(range(3000))}\n" + CELL, "3,000 cells and seeds, more than 2,000"),
+        (f"base: {list(range(60_000))}\n" + CELL, "more than 50,000 values"),
+        ("cells: " + "[" * 5000 + "]" * 5000, "more than 20 levels of nesting"),
+        ("cells: " + "{a: " * 900 + "1" + "}" * 900, "more than 20 levels of nesting"),
+        ("base: &a [*a]\n" + CELL, "an alias stands inside what it repeats"),
+        (BOMB + CELL, "more than 50,000 values"),
+        ("title: !!int abc\n" + CELL, "not valid YAML"),
+        ("title: " + "9" * 5000 + "\n" + CELL, "not valid YAML"),
+        ("title: [a]\n" + CELL, "title: wants one line"),
+        ('title: "a\\nb"\n' + CELL, "title: wants one line"),
+        ("name: " + "a" * 300 + "\n" + CELL, "up to 100 letters"),
+        ("seeds: [true]\n" + CELL, "whole numbers"),
+        ("seeds: [1000000000000]\n" + CELL, "whole numbers"),
+        ("table: {show: [valid, valid]}\n" + CELL, "names a rate twice"),
+        ("cells:\n  a: {paper: {valid: [nan, 0]}}\n", "between 0 and 1"),
+        ("cells:\n  a: {paper: {valid: [7, 0]}}\n", "between 0 and 1"),
+        ("presets: {mine: {training.batch_size: 0}}\n" + CELL, "presets.mine: training.batch_size"),
+        ("cells:\n  a: {set: {execution.hold_time: -1}}\n", "cell 'a': execution.hold_time must"),
         ("[1, 2", "not valid YAML"),
         ("- a\n", "wants 'key: value' pairs"),
     ],
@@ -124,14 +153,14 @@ def test_what_overrides_what(tmp_path):
     path.write_text(
         "base: {training.batch_size: 7, scenes.test.count: 3}\n"
         "presets: {smoke: {scenes.test.count: 5}}\n"
-        "cells:\n  a: {model: finetuned, set: {losses.clamp: soft}}\n"
+        "cells:\n  a: {model: finetuned, set: {matching.mode: literal}}\n"
     )
     sweep = load_sweep(str(path))
     cell = sweep.cells[0]
-    config = cell_config(sweep, cell, 9, "smoke", ["losses.clamp=hard", "network.width=16"])
+    config = cell_config(sweep, cell, 9, "smoke", ["matching.mode=patch", "network.width=16"])
     assert config.training.batch_size == 7
     assert config.scenes.test.count == 5
-    assert config.losses.clamp == "soft"
+    assert config.matching.mode == "literal"
     assert config.network.width == 16
     assert config.training.seed == config.execution.seed == 9
     assert cell_config(sweep, cell, 0, None, []).scenes.test.count == 3

@@ -11,7 +11,7 @@ from dmfc.engine.provenance import add_provenance
 from dmfc.engine.state import write_state
 from dmfc.pipeline.graph import GraphBuilder
 from dmfc.report.collect import collect, table_of, write_table
-from dmfc.sweep.plan import plan_sweep
+from dmfc.sweep.planner import plan_sweep
 from dmfc.sweep.sweep_file import load_sweep
 from dmfc.tracking.store import database
 from tests.support.fake_science import FAKES, fake_refs
@@ -37,7 +37,7 @@ class FinishedSweep:
         plan.write(self.ledger)
         outcomes = run_stages(plan.targets, self.ledger, plan.config, kinds=FAKES, local=True)
         failures = {a: outcome.reason for a, outcome in outcomes.items() if not outcome.ok}
-        self.description = plan.describe()
+        self.description = plan.record()
         self.id = plan.id
         self.folder = plan.folder(self.ledger)
         self.table = table_of(self.ledger, self.description, failures)

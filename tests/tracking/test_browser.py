@@ -75,7 +75,7 @@ def test_a_browser_sees_the_sweeps_runs(pages, browser, finished):
 
         WebDriverWait(browser, PATIENCE).until(there, f"{texts} on {browser.current_url}")
 
-    sweep_id = finished.description["id"]
+    sweep_id = finished.description.id
     browser.get(run_page)
     sees(sweep_id, "all.overall", "preset")
     browser.get(run_page[: run_page.index("/runs/")] + "/runs")

@@ -71,7 +71,7 @@ def test_rates_and_pairs_are_those_of_the_rows(page, finished):
 
 def test_links_lead_to_the_server_that_has_the_runs(finished):
     given = (finished.ledger, finished.description, finished.table, finished.cells, [])
-    runs = {f"{cell['name']}-seed0": "abc" for cell in finished.description["cells"]}
+    runs = {cell.run: "abc" for cell in finished.description.cells}
     told = {"experiment_id": "1", "runs": runs}
     for uri, address, hint in [
         ("sqlite:///x.db", "http://127.0.0.1:5000", True),

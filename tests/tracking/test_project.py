@@ -12,7 +12,6 @@ from mlflow.tracking import MlflowClient
 from dmfc.engine.context import tell_attempt
 from dmfc.engine.state import driving, read_state, write_state
 from dmfc.errors import DmfcError
-from dmfc.files.atomic import write_json
 from dmfc.tracking.project import project_stale, project_sweep, rebuild
 from dmfc.tracking.store import database
 from dmfc.tracking.ui import serve
@@ -111,7 +110,7 @@ def test_projecting_twice_changes_nothing(finished):
     client = MlflowClient(tracked.uri)
     before = snapshot(client, tracked.experiment_id)
 
-    marker = finished.ledger.store / "sweeps" / finished.description["id"] / "tracked.json"
+    marker = finished.ledger.store / "sweeps" / finished.description.id / "tracked.json"
     marker.unlink()
     assert project_sweep(*given) == tracked
     assert snapshot(client, tracked.experiment_id) == before
@@ -133,7 +132,7 @@ def test_a_half_written_run_is_replaced(finished):
     client.log_metric(half, "pretrain/train/loss", 99.0, step=7)
     client.update_run(half, "RUNNING")
 
-    marker = finished.ledger.store / "sweeps" / finished.description["id"] / "tracked.json"
+    marker = finished.ledger.store / "sweeps" / finished.description.id / "tracked.json"
     marker.unlink()
     project_sweep(*given)
     after = snapshot(client, tracked.experiment_id)
@@ -155,9 +154,8 @@ def test_a_cell_that_is_repaired_becomes_finished(finished, monkeypatch):
 
 
 def test_long_parameters_are_cut_and_kept_whole_in_the_config(finished):
-    cell = finished.description["cells"][0]
-    cell["config"]["objects"]["train"] = ["procedural:cup-0001"] * 50
-    write_json(finished.folder / "sweep.json", finished.description)
+    finished.description.cells[0].config["objects"]["train"] = ["procedural:cup-0001"] * 50
+    finished.description.save(finished.folder)
     tracked = project_sweep(finished.ledger, finished.id)
     client = MlflowClient(tracked.uri)
     _, children = runs(client, tracked.experiment_id)
@@ -168,7 +166,7 @@ def test_long_parameters_are_cut_and_kept_whole_in_the_config(finished):
 
 
 def test_a_damaged_metrics_file_is_one_line(finished):
-    address = finished.description["cells"][0]["model"]
+    address = finished.description.cells[0].model
     (finished.ledger.folder(address) / "metrics.jsonl").write_text('{"epoch": 0')
     with pytest.raises(DmfcError, match="cannot be read"):
         project_sweep(finished.ledger, finished.id)
@@ -178,7 +176,7 @@ def test_a_run_that_lacks_steps_is_completed_in_its_place(finished):
     tracked = project_sweep(finished.ledger, finished.id)
     client = MlflowClient(tracked.uri)
     before = snapshot(client, tracked.experiment_id)
-    address = finished.description["cells"][1]["model"]
+    address = finished.description.cells[1].model
     metrics = finished.ledger.folder(address) / "metrics.jsonl"
     line = json.loads(metrics.read_text().splitlines()[0])
     with metrics.open("a") as out:
@@ -260,11 +258,11 @@ def test_the_best_model_is_registered_once(finished):
 
 def test_live_status_and_steps_then_death_then_the_end(finished):
     """A driver at work, killed, and one that ends it: one run, right each time, no step twice."""
-    ledger, cell = finished.ledger, finished.description["cells"][1]
-    address, work = cell["model"], finished.ledger.work(cell["model"])
+    ledger, cell = finished.ledger, finished.description.cells[1]
+    address, work = cell.model, finished.ledger.work(cell.model)
     whole = finished.ledger.folder(address)
     away = finished.folder / "away"
-    evaluations = [ledger.folder(item) for item in cell["evaluations"]]
+    evaluations = [ledger.folder(item) for item in cell.evaluations]
     moved = [(folder, folder.with_name(f"away-{folder.name}")) for folder in evaluations]
     for folder, place in [(whole, away), *moved]:
         folder.rename(place)

@@ -15,14 +15,9 @@ from dmfc.config.scenes import AugmentationConfig, CameraConfig, MatchingConfig
 from dmfc.errors import DmfcError
 from dmfc.geometry.points import farthest_points
 from dmfc.scenes.augment import depth_noise, kept_points, random_motion
-from dmfc.scenes.make import make_shard
 from dmfc.scenes.scene_set import SceneSet
-from dmfc.training.data import (
-    EpochSampler,
-    SceneData,
-    SceneDataset,
-    collate,
-)
+from dmfc.training.batch import SceneItem, collate
+from dmfc.training.data import EpochSampler, SceneData, SceneDataset
 
 MATCHING = MatchingConfig(mode="projected", distance=0.01)
 STILL = AugmentationConfig(shift=0.0, noise=0.0, dropped=0.0)
@@ -49,7 +44,7 @@ def dataset(scenes, grasps, objects, hand):
 
 def test_batch_is_as_agreed(dataset, scenes, objects):
     batch = collate([dataset()[i] for i in range(4)])
-    count, most = batch["grasp_mask"].shape
+    count, most = batch.grasp_mask.shape
     widest = max(len(scene.object_ids) for scene in scenes[:4])
     expected = {
         "points": ((4, 2048, 3), torch.float32),
@@ -61,41 +56,50 @@ def test_batch_is_as_agreed(dataset, scenes, objects):
         "match": ((4, 512, most), torch.bool),
         "object_index": ((4, widest), torch.int64),
         "T_world_object": ((4, widest, 4, 4), torch.float32),
-        "scene": ((4,), torch.int64),
+        "scene_number": ((4,), torch.int64),
     }
-    assert {k: (tuple(v.shape), v.dtype) for k, v in batch.items()} == expected
+    assert {k: (tuple(v.shape), v.dtype) for k, v in batch.tensors().items()} == expected
     assert count == 4
-    assert batch["match"].any(1).equal(batch["grasp_mask"])  # those that match, and only those
+    assert batch.match.any(1).equal(batch.grasp_mask)  # those that match, and only those
     for row, scene in enumerate(scenes[:4]):
-        ids = [list(objects)[k] for k in batch["object_index"][row] if k >= 0]
+        ids = [list(objects)[k] for k in batch.object_index[row] if k >= 0]
         assert ids == scene.object_ids
-        T = batch["T_world_object"][row].numpy()
+        T = batch.T_world_object[row].numpy()
         assert np.allclose(T[: len(ids)], scene.T_world_object, atol=1e-6)
         assert np.allclose(T[len(ids) :], np.eye(4))
+
+
+def test_a_batch_moves_as_a_whole(dataset):
+    batch = collate([dataset()[0]])
+    moved = batch.to("meta")
+    assert len(moved) == len(batch) == 1
+    assert {tensor.device.type for tensor in moved.tensors().values()} == {"meta"}
+    shapes = {name: tensor.shape for name, tensor in batch.tensors().items()}
+    assert {name: tensor.shape for name, tensor in moved.tensors().items()} == shapes
 
 
 def test_matches_hold_in_the_batch(dataset, hand):
     """Every match: the label's palm is in front of the seed (paper's d_n); its hit is near."""
     item = dataset()[0]
-    seeds = item["points"][item["seed_index"]]
-    i, g = item["match"].nonzero(as_tuple=True)
+    seeds = item.points[item.seed_index]
+    i, g = item.match.nonzero(as_tuple=True)
     assert len(i) > 10
-    inward = item["grasp_rotation"][:, :, 2]
-    reference = item["grasp_position"] + item["grasp_rotation"] @ torch.tensor(
+    inward = item.grasp_rotation[:, :, 2]
+    reference = item.grasp_position + item.grasp_rotation @ torch.tensor(
         hand.palm_reference, dtype=torch.float32
     )
     beside = torch.linalg.cross(seeds[i] - reference[g], inward[g]).norm(dim=1)
     assert beside.max() <= 0.01 + 1e-6  # the hit lies on the palm's axis
-    assert item["match"].any(0).all()
+    assert item.match.any(0).all()
 
 
 def test_scene_without_a_match_keeps_the_batch_whole(dataset):
     """With an impossible matching distance there is one padded grasp, and no mask set."""
     nothing = dataset(matching=MatchingConfig(mode="projected", distance=0.0))
     batch = collate([nothing[0], nothing[1]])
-    assert batch["match"].shape == (2, 512, 1)
-    assert not batch["grasp_mask"].any()
-    assert torch.isfinite(batch["grasp_rotation"]).all()
+    assert batch.match.shape == (2, 512, 1)
+    assert not batch.grasp_mask.any()
+    assert torch.isfinite(batch.grasp_rotation).all()
 
 
 def test_turning_the_scene_turns_everything(dataset, scenes):
@@ -104,36 +108,34 @@ def test_turning_the_scene_turns_everything(dataset, scenes):
     turned = dataset(STILL)
     for position in range(3):
         plain, other = still[3, position], turned[3, position]
-        T_new_world = other["T_world_object"][0] @ torch.linalg.inv(plain["T_world_object"][0])
+        T_new_world = other.T_world_object[0] @ torch.linalg.inv(plain.T_world_object[0])
         turn = T_new_world[:3, :3]
         assert not torch.allclose(turn, torch.eye(3), atol=1e-3)
         assert torch.allclose(turn[2], torch.tensor([0.0, 0.0, 1.0]), atol=1e-5)
-        assert torch.allclose(other["points"], plain["points"] @ turn.T, atol=1e-5)
-        assert torch.allclose(
-            other["T_world_object"], T_new_world @ plain["T_world_object"], atol=1e-5
-        )
-        if torch.equal(other["seed_index"], plain["seed_index"]):
-            assert torch.equal(other["match"], plain["match"])
-            position_turned = plain["grasp_position"] @ turn.T
-            assert torch.allclose(other["grasp_position"], position_turned, atol=1e-5)
-            rotation_turned = turn @ plain["grasp_rotation"]
-            assert torch.allclose(other["grasp_rotation"], rotation_turned, atol=1e-5)
-            assert torch.equal(other["grasp_joints"], plain["grasp_joints"])
+        assert torch.allclose(other.points, plain.points @ turn.T, atol=1e-5)
+        assert torch.allclose(other.T_world_object, T_new_world @ plain.T_world_object, atol=1e-5)
+        if torch.equal(other.seed_index, plain.seed_index):
+            assert torch.equal(other.match, plain.match)
+            position_turned = plain.grasp_position @ turn.T
+            assert torch.allclose(other.grasp_position, position_turned, atol=1e-5)
+            rotation_turned = turn @ plain.grasp_rotation
+            assert torch.allclose(other.grasp_rotation, rotation_turned, atol=1e-5)
+            assert torch.equal(other.grasp_joints, plain.grasp_joints)
 
 
 def test_without_augmentation_an_item_is_the_scene(dataset, scenes):
     item = dataset()[2]
-    assert (item["points"].numpy() == scenes[2].points).all()
-    assert (item["seed_index"].numpy() == farthest_points(scenes[2].points, 512)).all()
+    assert (item.points.numpy() == scenes[2].points).all()
+    assert (item.seed_index.numpy() == farthest_points(scenes[2].points, 512)).all()
 
 
 def test_augmentation_depends_on_seed_and_epoch_alone(dataset):
     config = AugmentationConfig()
     first, again, other = dataset(config), dataset(config), dataset(config, seed=1)
     first[0, 1], first[1, 2]
-    assert torch.equal(first[5, 0]["points"], again[5, 0]["points"])
-    assert not torch.equal(first[5, 0]["points"], first[6, 0]["points"])
-    assert not torch.equal(first[5, 0]["points"], other[5, 0]["points"])
+    assert torch.equal(first[5, 0].points, again[5, 0].points)
+    assert not torch.equal(first[5, 0].points, first[6, 0].points)
+    assert not torch.equal(first[5, 0].points, other[5, 0].points)
 
 
 def test_noise_is_along_the_ray_with_the_given_deviation():
@@ -196,8 +198,8 @@ class _Recorder(lightning.LightningModule):
         self.seen: list[tuple[int, list[int], float]] = []
 
     def training_step(self, batch, index):
-        total = float(batch["points"].double().sum())
-        self.seen.append((self.current_epoch, batch["scene"].tolist(), total))
+        total = float(batch.points.double().sum())
+        self.seen.append((self.current_epoch, batch.scene_number.tolist(), total))
         return self.weight
 
     def configure_optimizers(self):
@@ -208,11 +210,8 @@ class _Recorder(lightning.LightningModule):
     "ignore::UserWarning", "ignore::lightning.pytorch.utilities.warnings.PossibleUserWarning"
 )
 def test_lightning_runs_epochs_alike_with_any_number_of_workers(
-    tmp_path, config, objects, grasps, hand
+    tmp_path, config, objects, grasps, hand, shards
 ):
-    shards = [tmp_path / f"{shard}.parquet" for shard in range(3)]
-    for shard, path in enumerate(shards):
-        make_shard(config, "train", shard, objects, grasps, hand, path)
     seen = []
     for workers in (0, 2):
         data = SceneData(
@@ -226,7 +225,7 @@ def test_lightning_runs_epochs_alike_with_any_number_of_workers(
             workers=workers,
             validation=SceneSet.open(shards[:1]),
         )
-        assert [batch["scene"].tolist() for batch in data.val_dataloader()] == [[0, 1, 2]]
+        assert [batch.scene_number.tolist() for batch in data.val_dataloader()] == [[0, 1, 2]]
         model = _Recorder()
         trainer = lightning.Trainer(
             max_epochs=2,
@@ -254,9 +253,10 @@ def test_with_augmentation_off_every_epoch_has_the_same_clouds_and_seeds(
         given = dataclasses.replace(config, augmentation=added)
         data = SceneData(given, MATCHING, scenes, grasps, list(objects), hand.palm_reference)
         items[name] = [data.train[epoch, 0] for epoch in (0, 1)]
-    for key, value in items["off"][0].items():
-        assert torch.equal(value, items["off"][1][key]), key
-    assert not torch.equal(*(item["seed_index"] for item in items["moved"]))
+    for entry in dataclasses.fields(SceneItem):
+        first, second = (getattr(item, entry.name) for item in items["off"])
+        assert torch.equal(first, second), entry.name
+    assert not torch.equal(*(item.seed_index for item in items["moved"]))
 
 
 def test_import_needs_no_simulator_or_mesh_tools():

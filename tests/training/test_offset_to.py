@@ -24,18 +24,18 @@ CENTRE = torch.tensor([0.01, -0.02, 0.09])
 
 def at_labels(batch, turn: Rotation) -> Prediction:
     """At each seed its first label, turned about CENTRE by `turn` (world frame)."""
-    row = torch.arange(len(batch["scene"]))[:, None]
-    label = batch["match"].float().argmax(-1)
-    seeds = batch["points"][row, batch["seed_index"]]
-    rotation = batch["grasp_rotation"][row, label]
-    aim = batch["grasp_position"][row, label] + rotation @ CENTRE
+    row = torch.arange(len(batch.scene_number))[:, None]
+    label = batch.match.float().argmax(-1)
+    seeds = batch.points[row, batch.seed_index]
+    rotation = batch.grasp_rotation[row, label]
+    aim = batch.grasp_position[row, label] + rotation @ CENTRE
     turned = torch.from_numpy(turn.as_matrix()).float() @ rotation
     return Prediction(
-        seed_index=batch["seed_index"],
+        seed_index=batch.seed_index,
         seeds=seeds,
         offset=aim - seeds,
         rotation6d=sixd_from_matrix(turned),
-        joints=batch["grasp_joints"][row, label],
+        joints=batch.grasp_joints[row, label],
         logit=torch.zeros(label.shape),
         centre=CENTRE,
     )
@@ -54,9 +54,9 @@ def test_a_label_turned_about_the_centre_is_off_in_rotation_alone():
     exact = at_labels(batch, Rotation.identity())
     rows = Candidates.of(exact, batch, space)
     assert rows.chamfer.max() < 1e-9
-    row = torch.arange(len(batch["scene"]))[:, None]
-    label = batch["match"].float().argmax(-1)
-    torch.testing.assert_close(exact.position, batch["grasp_position"][row, label])
+    row = torch.arange(len(batch.scene_number))[:, None]
+    label = batch.match.float().argmax(-1)
+    torch.testing.assert_close(exact.position, batch.grasp_position[row, label])
 
     errors = label_errors(at_labels(batch, Rotation.from_rotvec([0, 0, 0.1])), batch, space)
     assert errors["translation_mm"].median() < 1e-3

@@ -35,7 +35,7 @@ def task(stage="finetune", losses=LOSSES, rank_points=0, seeds="all") -> Task:
 def prediction() -> tuple[Prediction, dict[str, torch.Tensor]]:
     torch.manual_seed(0)
     batch = toy_batch()
-    return new_network(NETWORK, toy_hand())(batch["points"], batch["seed_index"]), batch
+    return new_network(NETWORK, toy_hand())(batch.points, batch.seed_index), batch
 
 
 def test_pretraining_is_chamfer_at_labelled_seeds_whatever_the_weights():
@@ -43,7 +43,7 @@ def test_pretraining_is_chamfer_at_labelled_seeds_whatever_the_weights():
     weights = dataclasses.replace(LOSSES.weights, chamfer=0.0)
     stage = task("pretrain", dataclasses.replace(LOSSES, weights=weights))
     rows = stage.candidates(predicted, batch)
-    assert len(rows) == batch["match"].any(-1).sum()
+    assert len(rows) == batch.match.any(-1).sum()
     terms = stage.terms(rows, batch)
     assert list(terms) == ["chamfer"]
     torch.testing.assert_close(stage.total(terms), rows.chamfer)
@@ -53,7 +53,7 @@ def test_seeds_without_a_label_are_left_out_of_fine_tuning_where_that_is_wanted(
     predicted, batch = prediction()
     everywhere = task().candidates(predicted, batch)
     labelled = task(seeds="labelled").candidates(predicted, batch)
-    matched = batch["match"].any(-1).flatten()
+    matched = batch.match.any(-1).flatten()
     assert 0 < matched.sum() < len(matched) == len(everywhere)
     torch.testing.assert_close(labelled.logit, everywhere.logit[matched])
     assert labelled.positive.all()
@@ -81,12 +81,12 @@ def test_chamfer_of_rows_equals_a_loop_over_labels():
     for row in range(0, len(rows), 5):
         scene, seed = divmod(row, 32)
         distances = [
-            (predicted.position[scene, seed] - batch["grasp_position"][scene, g]).square().sum()
-            + (rows.rotation6d[row] - sixd_from_matrix(batch["grasp_rotation"][scene, g]))
+            (predicted.position[scene, seed] - batch.grasp_position[scene, g]).square().sum()
+            + (rows.rotation6d[row] - sixd_from_matrix(batch.grasp_rotation[scene, g]))
             .square()
             .sum()
-            + 0.5 * (rows.joints[row] - batch["grasp_joints"][scene, g]).square().sum()
-            for g in batch["match"][scene, seed].nonzero()[:, 0].tolist()
+            + 0.5 * (rows.joints[row] - batch.grasp_joints[scene, g]).square().sum()
+            for g in batch.match[scene, seed].nonzero()[:, 0].tolist()
         ]
         assert bool(rows.positive[row]) == bool(distances)
         expected = min(distances) if distances else torch.tensor(0.0)
@@ -116,7 +116,7 @@ def test_the_hardest_alone_get_gradients(ranked_by):
     _, batch = prediction()
     training = TrainingConfig(hard_error=ranked_by)
     module = GraspTraining(new_network(NETWORK, toy_hand()), task(), training, NO_FAILURE)
-    predicted = module.net(batch["points"], batch["seed_index"])
+    predicted = module.net(batch.points, batch.seed_index)
     rows = module.task.candidates(predicted, batch)
     rows = dataclasses.replace(rows, logit=torch.linspace(-4, 4, len(rows)))
     chosen = module.hardest(rows, batch)
@@ -138,25 +138,25 @@ def test_a_thinned_hand_keeps_points_of_every_link():
 
 def test_label_errors_are_in_the_units_they_say():
     _, batch = prediction()
-    label = batch["match"].float().argmax(-1)
+    label = batch.match.float().argmax(-1)
     row = torch.arange(4)[:, None]
     turn = torch.tensor(0.1)
     about_z = matrix_from_6d(
         torch.stack([turn.cos(), turn.sin(), turn * 0]),
         torch.stack([-turn.sin(), turn.cos(), turn * 0]),
     )
-    seeds = batch["points"][row, batch["seed_index"]]
-    position = batch["grasp_position"][row, label] + torch.tensor([0.0, 0.003, 0.004])
+    seeds = batch.points[row, batch.seed_index]
+    position = batch.grasp_position[row, label] + torch.tensor([0.0, 0.003, 0.004])
     shifted = Prediction(
-        seed_index=batch["seed_index"],
+        seed_index=batch.seed_index,
         seeds=seeds,
         offset=position - seeds,
-        rotation6d=sixd_from_matrix(about_z @ batch["grasp_rotation"][row, label]),
-        joints=batch["grasp_joints"][row, label] + 0.02,
+        rotation6d=sixd_from_matrix(about_z @ batch.grasp_rotation[row, label]),
+        joints=batch.grasp_joints[row, label] + 0.02,
         logit=torch.zeros(4, 32),
     )
     errors = label_errors(shifted, batch, GraspSpace())
-    assert len(errors["translation_mm"]) == batch["match"].any(-1).sum()
+    assert len(errors["translation_mm"]) == batch.match.any(-1).sum()
     torch.testing.assert_close(errors["translation_mm"].median().item(), 5.0, rtol=1e-3, atol=0)
     torch.testing.assert_close(errors["rotation_deg"].median().item(), 5.7296, rtol=1e-3, atol=0)
     torch.testing.assert_close(errors["joints_deg"].median().item(), 1.1459, rtol=1e-3, atol=0)

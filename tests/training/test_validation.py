@@ -19,17 +19,17 @@ CONFIG = ValidationConfig(confident=4, sampled=8)
 
 def labelled(batch, lift: float = 0.0) -> Prediction:
     """Each seed's own label where it has one, moved up; the first label elsewhere."""
-    row = torch.arange(len(batch["scene"]))[:, None]
-    label = batch["match"].float().argmax(-1)
-    seeds = batch["points"][row, batch["seed_index"]]
-    position = batch["grasp_position"][row, label] + torch.tensor([0, 0, lift])
+    row = torch.arange(len(batch.scene_number))[:, None]
+    label = batch.match.float().argmax(-1)
+    seeds = batch.points[row, batch.seed_index]
+    position = batch.grasp_position[row, label] + torch.tensor([0, 0, lift])
     return Prediction(
-        seed_index=batch["seed_index"],
+        seed_index=batch.seed_index,
         seeds=seeds,
         offset=position - seeds,
-        rotation6d=sixd_from_matrix(batch["grasp_rotation"][row, label]),
-        joints=batch["grasp_joints"][row, label],
-        logit=batch["match"].any(-1).float(),
+        rotation6d=sixd_from_matrix(batch.grasp_rotation[row, label]),
+        joints=batch.grasp_joints[row, label],
+        logit=batch.match.any(-1).float(),
     )
 
 
@@ -41,9 +41,9 @@ def test_labels_themselves_are_covered_and_moved_ones_are_not():
     batch = toy_batch()
     narrow = dataclasses.replace(CONFIG, near_distance=1e-3, near_angle=1e-2)
     found = measure(labelled(batch), batch, narrow)
-    first = batch["match"].float().argmax(-1)  # a seed can be only one of its labels
+    first = batch.match.float().argmax(-1)  # a seed can be only one of its labels
     assert found["coverage"].sum() == sum(len(row.unique()) for row in first)
-    assert len(found["coverage"]) == batch["grasp_mask"].sum()
+    assert len(found["coverage"]) == batch.grasp_mask.sum()
     assert found["chamfer"].max() < 1e-10
     assert measure(labelled(batch, lift=1.0), batch)["coverage"].mean() == 0
     wide = dataclasses.replace(CONFIG, near_distance=1.1)
@@ -65,7 +65,7 @@ def test_penetration_is_the_depth_of_the_deepest_point():
     palm = labelled(batch).position[0, labelled(batch).logit[0].argmax()]
     assert under.max() == pytest.approx(1000 * (1 - palm[2].item()), abs=150)  # fingers are 10 cm
     prediction = labelled(batch)
-    centre = batch["T_world_object"][0, 0, :3, 3]
+    centre = batch.T_world_object[0, 0, :3, 3]
     inside = dataclasses.replace(prediction, offset=(centre - prediction.seeds[0])[None])
     assert measure(inside, batch)["penetration_mm"].max() <= 1000 * HALF.min() + 1e-3
     assert measure(inside, batch)["penetration_mm"].min() > 500 * HALF.min()

@@ -1,25 +1,16 @@
-"""A hand and the view of a small cloud of a box with three grasps."""
+"""The view of a small cloud of a box with three grasps."""
 
 from __future__ import annotations
-
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from dmfc.geometry.transforms import transform
 from dmfc.hand.model import HandModel
 from dmfc.prediction.ranked import RankedGrasps
 from dmfc.view.data import View, cloud_view
-from tests.support import grasp_shapes
 
 HOSTILE = "</script><script>alert(1)</script>&<!--"
-
-
-@pytest.fixture(scope="session")
-def hand(shadow_hand_dir: Path) -> HandModel:
-    return grasp_shapes.shadow()[0]
 
 
 @pytest.fixture(scope="session")
@@ -31,7 +22,8 @@ def grasps(hand: HandModel) -> RankedGrasps:
     position = generator.uniform(-0.1, 0.1, (count, 3)) + np.array([0, 0, 0.1])
     share = generator.uniform(0.1, 0.9, (count, hand.dofs))
     return RankedGrasps(
-        T_cloud_palm=transform(rotation, position),
+        position=position,
+        rotation=rotation,
         joints=hand.lower + share * (hand.upper - hand.lower),
         confidence=np.linspace(0.9, 0.1, count),
         point=np.arange(count),

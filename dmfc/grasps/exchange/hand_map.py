@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from yaml import YAMLError
 
 from dmfc.config.interpolation import refuse_interpolation
-from dmfc.errors import DmfcError, unknown_name
+from dmfc.errors import DmfcError, first_line, unknown_name
 from dmfc.geometry.transforms import transform
 from dmfc.hand.description import HandDescription
 
@@ -91,7 +91,7 @@ def load_hand_map(name: str) -> HandMap:
         found = OmegaConf.to_object(loaded)
     except OmegaConfBaseException as error:
         where = f" (key {error.full_key})" if error.full_key else ""
-        raise DmfcError(f"hand map {path}: {str(error).splitlines()[0]}{where}") from error
+        raise DmfcError(f"hand map {path}: {first_line(error)}{where}") from error
     except (YAMLError, TypeError, OSError) as error:
         raise DmfcError(f"hand map {path}: {' '.join(str(error).split())}") from error
     assert isinstance(found, HandMap)

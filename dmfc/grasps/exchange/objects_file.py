@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.lib import format as npy
 
-from dmfc.errors import DmfcError
+from dmfc.errors import DmfcError, one_line
 
 _REBUILD = {
     ("multiarray", "_reconstruct"): np.zeros(0).__reduce__()[0],
@@ -42,7 +42,7 @@ def load_objects(path: Path) -> list[Any]:
     except DmfcError:
         raise
     except Exception as error:  # a damaged pickle can raise anything
-        reason = " ".join(str(error).split()) or type(error).__name__
+        reason = one_line(error)
         raise DmfcError(f"{path}: cannot be read as a .npy file of objects ({reason})") from error
     if not isinstance(array, np.ndarray):
         raise DmfcError(f"{path}: holds a {type(array).__name__}, not an array")

@@ -40,7 +40,6 @@ def card_text(manifest: Mapping[str, Any]) -> str:
 def _facts(manifest: Mapping[str, Any]) -> dict[str, Any]:
     """What it is, where it comes from, who made it."""
     stats, shards = manifest["statistics"], manifest["shards"]
-    kept = manifest["scenes"].get("depth") == "keep"
     kinds = Counter(name.split("/")[0] for name in manifest["objects"])
     facts = {
         "scenes": stats["scenes"],
@@ -51,7 +50,6 @@ def _facts(manifest: Mapping[str, Any]) -> dict[str, Any]:
         "objects": ", ".join(f"{count} {kind}" for kind, count in kinds.items()),
         "packs": ", ".join(f"{n} ({sha[:12]})" for n, sha in manifest["packs"].items()),
         "hand": manifest["hand"] or "none, no labels",
-        "depth images": "kept" if kept else "rendered anew when shown",
         "renderer": manifest["renderer"] or "",
         **manifest["made_by"],
     }
