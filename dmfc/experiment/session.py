@@ -86,7 +86,7 @@ def interrupts_told() -> Iterator[None]:
         raise typer.Exit(interrupted_status()) from None
     except HeadLostError as lost:
         _tell_how_to_go_on(str(lost))
-        raise typer.Exit(1) from None
+        raise typer.Exit(1) from lost
 
 
 def _tell_how_to_go_on(why: str) -> None:
