@@ -23,8 +23,9 @@ from dmfc.cli import (
     train,
     view,
 )
-from dmfc.errors import DmfcError, missing_package
+from dmfc.errors import DmfcError, masked, missing_package
 from dmfc.experiment.console import stderr
+from dmfc.experiment.signals import end_as_by_ctrl_c
 
 USAGE_ERROR: type[Exception] = typer.BadParameter.__mro__[1]  # type: ignore[assignment]
 """What a wrong command line raises, of which Typer exports this one child alone."""
@@ -85,6 +86,7 @@ def main() -> None:
     debug = "--debug" in sys.argv
     if debug:
         sys.argv.remove("--debug")
+    end_as_by_ctrl_c()
     try:
         status = app(prog_name="dmfc", standalone_mode=False)
     except DmfcError as error:
@@ -115,6 +117,6 @@ def _wrong_usage(error: Any) -> None:
 
 
 def _fail(text: str, status: int = 1) -> None:
-    line = " ".join(text.split())
+    line = masked(" ".join(text.split()))
     stderr().print(f"error: {line}", style="red", markup=False, soft_wrap=True)
     sys.exit(status)

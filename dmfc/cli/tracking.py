@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dmfc.cli.common import STORE, AsJson, Port, Store
-from dmfc.experiment.console import show_rows
+from dmfc.errors import DmfcError
+from dmfc.experiment.console import show_rows, stderr
 
 if TYPE_CHECKING:
     from dmfc.engine.ledger import Ledger
@@ -34,12 +35,13 @@ def rebuild(
     from dmfc.engine.ledger import Ledger
     from dmfc.report.collect import list_sweeps, resolve_sweeps
     from dmfc.tracking.project import rebuild as make
+    from dmfc.tracking.store import without_user
 
     ledger = Ledger(store)
     chosen = resolve_sweeps(ledger, sweeps) if sweeps else list_sweeps(ledger)
     made = make(ledger, chosen, uri)
     rows = [
-        {"sweep": name, "uri": at.uri, "run": at.run_id}
+        {"sweep": name, "uri": without_user(at.uri), "run": at.run_id}
         for name, at in zip(chosen, made, strict=True)
     ]
     show_rows("rebuilt", rows, as_json)
@@ -53,13 +55,14 @@ def sync(
     from dmfc.engine.ledger import Ledger
     from dmfc.report.collect import list_sweeps, resolve_sweeps
     from dmfc.tracking.project import project_sweep
+    from dmfc.tracking.store import without_user
 
     ledger = Ledger(store)
     chosen = resolve_sweeps(ledger, sweeps) if sweeps else list_sweeps(ledger)
     rows = []
     for sweep_id in chosen:
         tracked = project_sweep(ledger, sweep_id, uri)
-        rows.append({"sweep": sweep_id, "uri": tracked.uri, "run": tracked.run_id})
+        rows.append({"sweep": sweep_id, "uri": without_user(tracked.uri), "run": tracked.run_id})
     show_rows("up to date", rows, as_json)
 
 
@@ -77,9 +80,12 @@ def ui(
     from dmfc.tracking.ui import serve
 
     ledger = Ledger(store)
-    project_stale(ledger)
-    there = _tracked(ledger)
     try:
+        try:
+            project_stale(ledger)
+        except DmfcError as error:  # what is there can be looked at
+            stderr().print(f"{error}; shown as it is", markup=False, soft_wrap=True)
+        there = _tracked(ledger)
         if there and not database(ledger).is_file():  # all of them are on servers
             _show_pages(there, "", open_page)
             return

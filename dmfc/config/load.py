@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from dmfc.config.interpolation import refuse_interpolation
 from dmfc.config.plain_yaml import parse_yaml
 from dmfc.config.presets import Presets, preset_layers
 from dmfc.config.ranges import all_types, fault
@@ -141,6 +142,7 @@ def nearest_key(key: str, choices: Iterable[str]) -> str | None:
 
 def open_tree(values: Mapping[str, Any], where: str) -> dict[str, Any]:
     """`values` with dotted keys opened out, after checking every key against the schema."""
+    refuse_interpolation(values, where)
     root: dict[str, Any] = {}
 
     def put(prefix: str, node: Mapping[Any, Any]) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-import os
+import sys
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -15,27 +15,18 @@ from dmfc.engine.context import read_attempt
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.lookout import held_by
 from dmfc.engine.nodes import Node
+from dmfc.engine.ray_cluster import Head, head_address, leave_ray_behind, start_ray, usable_cpus
 from dmfc.engine.worker import Job, Outcome, execute
-from dmfc.errors import DmfcError, first_line
-
-OBJECT_STORE_BYTES = 100 * 2**20
-"""Ray's shared memory: stages exchange files, so the least it accepts is plenty."""
-
+from dmfc.errors import first_line
 
 NODE_DEATHS = ("LocalRayletDiedError", "NodeDiedError", "RaySystemError")
 """Errors of Ray after which the cluster of one node that we started is gone."""
 DRIVER_NODE_DEATHS = ("LocalRayletDiedError", "RaySystemError")
 """Errors of Ray after which this process must connect to its cluster anew."""
-START_TRIES = 3
 CAPACITY_SECONDS = 2.0
 """Time between two looks at how large the cluster is: nodes come and go."""
 NODE_LABEL = "ray.io/node-id"
 """Ray's label of a node with its id."""
-
-
-KEEP_MEMORY = {"MALLOC_MMAP_MAX_": "0", "MALLOC_TRIM_THRESHOLD_": str(2**30)}
-"""glibc's malloc keeps up to this many freed bytes: training asks for the same blocks each step,
-and taking them from the system anew costs a fifth of its time. Read when a process starts."""
 
 
 class Pool(Protocol):
@@ -97,13 +88,14 @@ class RayPool:
     """Runs each job as a Ray task: on this machine, or on the cluster at `run.ray_address`."""
 
     def __init__(self, run: RunConfig) -> None:
-        import ray
-
-        self._ray, self._run = ray, run
-        self._owns = not ray.is_initialized()
+        self._owns = not _connected()
         self._broken = False
         if self._owns:
             start_ray(run)
+        import ray  # after the settings of a cluster of ours, some of which it reads here
+
+        self._ray, self._run = ray, run
+        self._head = Head(head_address())
         self._nodes: Sequence[Node] = ()
         self._looked = -math.inf
         self._task = ray.remote(_execute_here)
@@ -116,7 +108,7 @@ class RayPool:
         return max(1, int(sum(node.cpus for node in self.nodes())))
 
     def nodes(self) -> Sequence[Node]:
-        if time.monotonic() - self._looked > CAPACITY_SECONDS:
+        if time.monotonic() - self._looked > CAPACITY_SECONDS and self._head.answers:
             self._looked = time.monotonic()
             # A client of Ray is outside the cluster and cannot ask the nodes themselves.
             outside = self._run.ray_address.startswith("ray://")
@@ -145,6 +137,9 @@ class RayPool:
             return [(job, Outcome("died", reason="Ray died under it")) for job in lost]
         if not self._running:
             return []
+        if not self._head.answers:
+            time.sleep(seconds)
+            return []
         ready, rest = self._ray.wait(list(self._running), num_returns=1, timeout=seconds)
         if ready and rest:
             ready += self._ray.wait(rest, num_returns=len(rest), timeout=0)[0]
@@ -156,6 +151,9 @@ class RayPool:
             self._ray.cancel(ref, force=True)
 
     def close(self, abandon: bool) -> None:
+        if self._head.lost:
+            leave_ray_behind()
+            return
         if abandon:
             for ref in self._running:
                 self._ray.cancel(ref, force=True)
@@ -169,6 +167,7 @@ class RayPool:
         self._lost += list(self._running.values())
         self._running.clear()
         start_ray(self._run)
+        self._head = Head(head_address())
         self._broken = False
 
     def _outcome(self, ref: Any) -> Outcome:
@@ -202,55 +201,7 @@ def _node(entry: dict[str, Any], outside: bool) -> Node:
     )
 
 
-def usable_cpus(run: RunConfig) -> int:
-    """CPUs that this process may use, capped by the setting."""
-    allowed = len(os.sched_getaffinity(0))
-    return min(run.cpus, allowed) if run.cpus else allowed
-
-
-def start_ray(run: RunConfig) -> None:
-    """Start Ray on this machine, or connect to the cluster at `run.ray_address`.
-
-    Tries again: under high load Ray's own processes can miss the 30 s that it gives them.
-    Raises DmfcError if the last attempt fails too.
-    """
-    import ray
-
-    for tries_left in reversed(range(START_TRIES)):
-        try:
-            return _init_ray(run)
-        except Exception as error:  # Ray raises bare ones
-            ray.shutdown()
-            if not tries_left:
-                raise DmfcError(_why_no_ray(run, error)) from error
-
-
-def _why_no_ray(run: RunConfig, error: Exception) -> str:
-    line = (str(error).strip().splitlines() or [type(error).__name__])[0]
-    if run.ray_address:
-        return f"no Ray cluster answers at '{run.ray_address}' (run.ray_address): {line}"
-    return (
-        f"Ray did not start on this machine: {line} (is it very busy, or out of memory? run the "
-        "same line again, with a smaller run.cpus, or name a running cluster by run.ray_address)"
-    )
-
-
-def _init_ray(run: RunConfig) -> None:
-    import ray
-
-    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-    # Ray 2.60 still hides GPUs from num_gpus=0 tasks; this is the behaviour it announces.
-    os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
-    quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": "ERROR"}
-    if run.ray_address:
-        ray.init(address=run.ray_address, **quiet)
-        return
-    for name, value in KEEP_MEMORY.items():
-        os.environ.setdefault(name, value)  # for the workers, which inherit it
-    ray.init(
-        address="local",
-        num_cpus=usable_cpus(run),
-        include_dashboard=False,
-        object_store_memory=OBJECT_STORE_BYTES,
-        **quiet,
-    )
+def _connected() -> bool:
+    """Whether this process has a Ray already; does not import it."""
+    ray = sys.modules.get("ray")
+    return ray is not None and bool(ray.is_initialized())

@@ -13,6 +13,7 @@ from importlib.metadata import distributions
 from pathlib import Path
 from typing import Any
 
+from dmfc.errors import masked
 from dmfc.files.atomic import write_bytes
 from dmfc.files.digest import file_digest
 from dmfc.files.sealed import read_or_replace, write_sealed
@@ -32,7 +33,7 @@ def add_provenance(folder: Path) -> None:
     calls = read_provenance(folder)
     call: dict[str, Any] = {
         "started": round(time.time(), 3),
-        "command": sys.argv[1:],
+        "command": [masked(word) for word in sys.argv[1:]],
         "host": platform.node(),
         "python": platform.python_version(),
         "commit": git_commit(),

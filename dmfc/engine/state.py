@@ -16,9 +16,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from filelock import FileLock, Timeout
+from filelock import FileLock
 
 from dmfc.files.atomic import write_json
+from dmfc.files.locks import is_held
 from dmfc.files.sealed import read_or_replace, write_sealed
 
 STATE = "state.json"
@@ -92,11 +93,4 @@ def _drivers(folder: Path) -> tuple[list[dict], list[Path]]:
 
 
 def _dead(marks: Path) -> list[Path]:
-    dead = []
-    for path in marks.glob("*.json"):
-        try:
-            with FileLock(path.with_suffix(".lock"), timeout=0):
-                dead.append(path)
-        except Timeout:
-            continue
-    return dead
+    return [path for path in marks.glob("*.json") if not is_held(path.with_suffix(".lock"))]

@@ -22,7 +22,7 @@ from dmfc.engine.context import StageContext, tell_attempt
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.stage import plain
 from dmfc.engine.system import keep_samples, sampled
-from dmfc.errors import DmfcError, MachineError, first_line, of_machine
+from dmfc.errors import DmfcError, MachineError, first_line, masked, of_machine
 
 ERROR_LOG = "error.txt"
 CRASH_LOG = "crash.txt"
@@ -236,5 +236,5 @@ def _explain(error: Exception, work: Path) -> str:
 
 
 def _reason(error: Exception) -> str:
-    line, kind = first_line(error), type(error).__name__
+    line, kind = masked(first_line(error)), type(error).__name__
     return line if isinstance(error, DmfcError) or line == kind else f"{kind}: {line}"

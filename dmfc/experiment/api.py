@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dmfc.errors import DmfcError
 from dmfc.experiment.evaluation import Evaluation, evaluated, read_evaluation, scene_settings
 from dmfc.experiment.session import Session
 from dmfc.experiment.training import TrainedModel, train_model
@@ -159,6 +160,8 @@ def _interruptible() -> Iterator[None]:
     try:
         yield
     except typer.Exit as ended:
+        if isinstance(ended.__cause__, DmfcError):  # the head of the cluster is lost
+            raise ended.__cause__ from None
         raise KeyboardInterrupt from ended
 
 

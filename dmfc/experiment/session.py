@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from dmfc.errors import DmfcError, MachineError
+from dmfc.errors import DmfcError, MachineError, masked
 from dmfc.experiment.console import stderr
+from dmfc.experiment.signals import interrupted_status
 
 if TYPE_CHECKING:
     from dmfc.config.presets import Presets
@@ -22,9 +23,6 @@ if TYPE_CHECKING:
     from dmfc.engine.ledger import Ledger
     from dmfc.engine.stage import Stage
     from dmfc.pipeline.graph import GraphBuilder
-
-INTERRUPTED = 130
-"""Exit status after Ctrl-C, as shells have it."""
 
 
 @dataclass(frozen=True)
@@ -97,17 +95,24 @@ def _share_packs(stages: Iterable[Stage], ledger: Ledger) -> None:
 
 @contextlib.contextmanager
 def interrupts_told() -> Iterator[None]:
-    """On Ctrl-C prints the line that resumes, and ends the program."""
+    """On Ctrl-C, SIGTERM, or where Ray's head is lost: print the line that resumes, and end."""
+    from dmfc.engine.ray_cluster import HeadLostError
+
     try:
         yield
     except KeyboardInterrupt:
-        line = shlex.join(["dmfc", *sys.argv[1:]])
-        stderr().print(
-            f"stopped; finished stages are kept. Go on with:\n  {line}",
-            soft_wrap=True,
-            markup=False,
-        )
-        raise typer.Exit(INTERRUPTED) from None
+        _tell_how_to_go_on("stopped")
+        raise typer.Exit(interrupted_status()) from None
+    except HeadLostError as lost:
+        _tell_how_to_go_on(str(lost))
+        raise typer.Exit(1) from lost
+
+
+def _tell_how_to_go_on(why: str) -> None:
+    line = masked(shlex.join(["dmfc", *sys.argv[1:]]))
+    stderr().print(
+        f"{why}; finished stages are kept. Go on with:\n  {line}", soft_wrap=True, markup=False
+    )
 
 
 def require(outcomes: Mapping[str, Any], stages: Sequence[Stage]) -> None:

@@ -13,6 +13,7 @@ from omegaconf.errors import OmegaConfBaseException
 from safetensors import SafetensorError
 from safetensors.torch import load_file
 
+from dmfc.config.interpolation import refuse_interpolation
 from dmfc.config.network import NetworkConfig
 from dmfc.engine.record import verified
 from dmfc.errors import DmfcError, one_line
@@ -97,6 +98,7 @@ def _tensors(folder: Path) -> dict[str, torch.Tensor]:
 
 
 def _network_config(stored: Any) -> NetworkConfig:
+    refuse_interpolation(stored, CONFIG)
     config = OmegaConf.merge(OmegaConf.structured(NetworkConfig), stored.network)
     return cast(NetworkConfig, OmegaConf.to_object(config))
 

@@ -15,7 +15,7 @@ from dmfc.engine.ledger import Ledger
 from dmfc.engine.provenance import VECTOR_FLAGS, read_provenance
 from dmfc.engine.stage import differences
 from dmfc.engine.state import SEALED_VERSION, read_state
-from dmfc.errors import DmfcError
+from dmfc.errors import DmfcError, masked
 from dmfc.files.atomic import write_text
 from dmfc.files.sealed import read_or_replace
 from dmfc.report.curves import draw_curves
@@ -231,7 +231,7 @@ def _reasons(table: SweepTable) -> list[dict[str, Any]]:
 def _call(call: Mapping[str, Any]) -> dict[str, Any]:
     started = datetime.fromtimestamp(call["started"], UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
     vector = (flag for flag in call["flags"].split() if flag.startswith(VECTOR_FLAGS))
-    told = {"line": shlex.join(["dmfc", *call["command"]]), "vector": " ".join(vector)}
+    told = {"line": masked(shlex.join(["dmfc", *call["command"]])), "vector": " ".join(vector)}
     return {"diff": None, **call, "started": started, **told}
 
 

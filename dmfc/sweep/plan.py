@@ -11,6 +11,7 @@ from dmfc.config.presets import Presets, preset_title
 from dmfc.config.schema import Config
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.stage import Stage, closure, plain
+from dmfc.errors import masked
 from dmfc.files.digest import json_digest
 from dmfc.pipeline.graph import CellStages, GraphBuilder
 from dmfc.sweep.record import CellRecord, DataRecord, SearchRecord, SweepRecord
@@ -127,12 +128,19 @@ def _cell_record(plan: CellPlan) -> CellRecord:
         model=plan.stages.model.address if plan.stages.model else None,
         pretrain=_pretraining(plan.stages.model),
         evaluations=tuple(stage.address for stage in plan.stages.evaluations),
-        config=plain(plan.config),
+        config=_masked(plain(plan.config)),
         grasps_per_scene=plan.config.execution.grasps_per_scene,
         paper=dict(plan.cell.paper),
         objective=dict(plan.cell.objective),
         data=_data(plan),
     )
+
+
+def _masked(value: Any) -> Any:
+    """The settings as they may be kept: without passwords in URIs."""
+    if isinstance(value, dict):
+        return {name: _masked(item) for name, item in value.items()}
+    return masked(value) if isinstance(value, str) else value
 
 
 def _data(plan: CellPlan) -> tuple[DataRecord, ...]:

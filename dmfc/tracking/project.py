@@ -16,7 +16,7 @@ from filelock import FileLock, Timeout
 
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.provenance import PROVENANCE, VECTOR_FLAGS, read_provenance
-from dmfc.engine.state import SEALED_VERSION, SweepState, read_state
+from dmfc.engine.state import SweepState, read_state
 from dmfc.errors import DmfcError, first_line
 from dmfc.files.digest import json_digest
 from dmfc.files.sealed import write_sealed
@@ -26,13 +26,14 @@ from dmfc.report.table import NAMES, SweepTable
 from dmfc.sweep.record import SWEEP, SweepRecord
 from dmfc.tracking.cell import ENDED, CellContent, Point, cell_content
 from dmfc.tracking.registry import register_best
-from dmfc.tracking.store import tracking_uri
+from dmfc.tracking.store import is_server, sqlite_path, tracking_uri, without_user
 from dmfc.tracking.writer import PARENT, Writer
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-VERSION = 2
+VERSION = 3
+"""Markers of older ones name the store's own database by where the store then was."""
 LOCK_SECONDS = 120.0
 """Time that a writer waits for another one of the same sweep."""
 
@@ -57,12 +58,12 @@ def project_sweep(
     Without a change since the last call MLflow is not even imported. Raises DmfcError where
     another process writes the same sweep and does not end.
     """
-    uri = uri or tracking_uri(ledger)
+    kept, uri = without_user(uri), uri or tracking_uri(ledger)
     sweep, folder = read_sweep(ledger, sweep_id), ledger.store / "sweeps" / sweep_id
     state = read_state(folder)
     contents = [cell_content(ledger, cell, state) for cell in sweep.cells]
     parent = _parent_content(ledger, sweep, state, contents)
-    digest = json_digest([VERSION, uri, parent.digest, [content.digest for content in contents]])
+    digest = json_digest([VERSION, kept, parent.digest, [content.digest for content in contents]])
     known = read_marker(folder)
     if known.get("digest") == digest and _still_there(uri):
         return Tracked(uri, known["experiment_id"], known["run_id"])
@@ -86,9 +87,9 @@ def project_sweep(
             f"MLflow at '{uri}' was not written: {line} (run.tracking_uri; `dmfc tracking sync` "
             "writes what is missing)"
         ) from error
-    told = {"digest": digest, "experiment_id": writer.experiment_id, "run_id": run_id}
-    marker = {**told, "uri": uri, "status": parent.status, "runs": runs}
-    write_sealed(folder / MARKER, SEALED_VERSION, marker)
+    told = {"digest": digest, "uri": kept, "status": parent.status}
+    ids = {"experiment_id": writer.experiment_id, "run_id": run_id, "runs": runs}
+    write_sealed(folder / MARKER, VERSION, {**told, **ids})
     return Tracked(uri, writer.experiment_id, run_id)
 
 
@@ -99,7 +100,7 @@ def project_stale(ledger: Ledger) -> list[str]:
         folder = ledger.store / "sweeps" / sweep_id
         marker, state = read_marker(folder), read_state(folder)
         if marker and marker.get("status") not in ENDED and state.status in ENDED:
-            project_sweep(ledger, sweep_id, marker["uri"])
+            project_sweep(ledger, sweep_id, _uri_of(marker))
             stale.append(sweep_id)
     return stale
 
@@ -196,6 +197,13 @@ def _shown(path: Path) -> bool:
     )
 
 
+def _uri_of(marker: dict[str, Any]) -> str:
+    """Where the runs of a sweep are; empty: in the store's own database."""
+    uri = str(marker["uri"])
+    return uri if marker.get("version", 0) >= 3 or is_server(uri) else ""
+
+
 def _still_there(uri: str) -> bool:
     """Whether a local database is still there; a remote one is taken to be."""
-    return not uri.startswith("sqlite:///") or Path(uri.removeprefix("sqlite:///")).is_file()
+    path = sqlite_path(uri)
+    return path is None or path.is_file()

@@ -83,12 +83,13 @@ def fit(
             check_val_every_n_epoch=config.validation.every,
             use_distributed_sampler=False,  # the data module's sampler knows the processes
         )
-        trainer.fit(
-            module,
-            datamodule=data,
-            ckpt_path=last_checkpoint(work),
-            weights_only=True,
-        )
+        with _interrupts_raised():
+            trainer.fit(
+                module,
+                datamodule=data,
+                ckpt_path=last_checkpoint(work),
+                weights_only=True,
+            )
     finished = sum(row["split"] == "train" for row in module.metrics)
     if finished < module.schedule.epochs:
         raise DmfcError(
@@ -97,6 +98,17 @@ def fit(
         )
     if trainer.is_global_zero:
         _write(out, stage, config, module, hand, time.perf_counter() - started)
+
+
+@contextlib.contextmanager
+def _interrupts_raised() -> Iterator[None]:
+    """Lightning ends the program on Ctrl-C; who called is to say how to go on."""
+    try:
+        yield
+    except SystemExit as ended:
+        if isinstance(ended.__context__, KeyboardInterrupt):
+            raise KeyboardInterrupt from ended
+        raise
 
 
 def _write(

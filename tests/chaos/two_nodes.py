@@ -8,8 +8,6 @@ from typing import Any
 from ray.cluster_utils import Cluster
 
 TRIES = 6
-HELD = "held.json"
-"""Where a stage that a test holds says its process and its node."""
 
 
 def patiently(start: Callable[[], Any], clean: Callable[[], object] = lambda: None) -> Any:
