@@ -3,7 +3,18 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable
+
+_USER = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*://)(?:[^\s/?#@:]*:\S*|[^\s/?#@]+)@")
+_WORD = r"(?:pass(?:word|wd)?|pwd|(?:[a-z_]*[_-])?(?:token|secret|key))"
+_PARAMETER = re.compile(rf"([?&;]{_WORD}=)[^&;#\s'\"]+", re.IGNORECASE)
+
+
+def masked(text: str) -> str:
+    """`text` with the user, password or token in each URI of it replaced by `***`."""
+    return _PARAMETER.sub(r"\1***", _USER.sub(r"\1***@", text))
+
 
 EXTRAS = {
     "sim": {
@@ -17,7 +28,33 @@ EXTRAS = {
 
 
 class DmfcError(Exception):
-    """A failure that is explained to the user on one line, without a traceback."""
+    """A failure that is explained to the user on one line, without a traceback.
+
+    Passwords in URIs are masked.
+    """
+
+    def __init__(self, text: str) -> None:
+        super().__init__(masked(text))
+
+
+class MachineError(DmfcError):
+    """A failure of the machine (network, cache, disk, memory, missing program), not of the work.
+
+    Another machine may do the same work, so nothing of it is recorded as a result.
+    """
+
+
+MACHINE_ERRORS = (MachineError, OSError, MemoryError, ImportError)
+
+
+def of_machine(error: BaseException) -> bool:
+    """Whether `error`, or what it was raised from, is a failure of the machine."""
+    cause: BaseException | None = error
+    while cause is not None:
+        if isinstance(cause, MACHINE_ERRORS):
+            return True
+        cause = cause.__cause__
+    return False
 
 
 def first_line(error: BaseException) -> str:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import time
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 
+from dmfc.cli import complete
 from dmfc.cli.common import PRESET, STORE, AsJson, Overrides, Preset, Store
 from dmfc.cli.dry_run import show_plans
 from dmfc.experiment.console import answer
@@ -37,7 +39,11 @@ def group() -> None:
 @sweep_app.command("run")
 def sweep(
     files: Annotated[
-        list[str], typer.Argument(help="Sweep files, or names of shipped ones such as table1.")
+        list[str],
+        typer.Argument(
+            help="Sweep files, or names of shipped ones such as table1.",
+            autocompletion=complete.sweeps,
+        ),
     ],
     preset: Preset = PRESET,
     overrides: Overrides = None,
@@ -54,6 +60,18 @@ def sweep(
 
     Prints a table per sweep, writes it to STORE/sweeps/ID/, and brings MLflow up to date.
     """
+    with interrupts_told():
+        _run(files, preset, overrides, store, as_json, dry_run)
+
+
+def _run(
+    files: list[str],
+    preset: list[str],
+    overrides: list[str] | None,
+    store: Path,
+    as_json: bool,
+    dry_run: bool,
+) -> None:
     from dmfc.sweep.planner import plan_sweep
     from dmfc.sweep.sweep_file import load_sweep
 
@@ -67,7 +85,7 @@ def sweep(
         show_plans(plans, session.ledger, as_json)
         return
     started = time.monotonic()
-    with disk_errors_told(session.ledger), interrupts_told():
+    with disk_errors_told(session.ledger):
         driven = drive(plans, session.ledger, as_json)
     closing = {"stages_run": driven.ran, "seconds": round(time.monotonic() - started, 2)}
     results = driven.results
@@ -137,8 +155,11 @@ def tables(
     for name in wanted:
         failures = read_state(ledger.store / "sweeps" / name).failures
         described = read_sweep(ledger, name)
-        results.append(write_tables(ledger, described, failures, as_json))
-        page = page_writer(ledger, described, results[-1])()
+        results.append(write_tables(ledger, described, failures, as_json, read_only=True))
+        try:
+            page = page_writer(ledger, described, results[-1])()
+        except OSError:
+            continue  # the table has said so
         if not as_json:
             typer.echo(f"page: {page}")
     if as_json:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dmfc.cli.common import STORE, AsJson, Store
-from dmfc.experiment.console import show_rows
+from dmfc.cli.common import STORE, AsJson, Port, Store
+from dmfc.errors import DmfcError
+from dmfc.experiment.console import show_rows, stderr
 
 if TYPE_CHECKING:
     from dmfc.engine.ledger import Ledger
@@ -35,12 +35,13 @@ def rebuild(
     from dmfc.engine.ledger import Ledger
     from dmfc.report.collect import list_sweeps, resolve_sweeps
     from dmfc.tracking.project import rebuild as make
+    from dmfc.tracking.store import without_user
 
     ledger = Ledger(store)
     chosen = resolve_sweeps(ledger, sweeps) if sweeps else list_sweeps(ledger)
     made = make(ledger, chosen, uri)
     rows = [
-        {"sweep": name, "uri": at.uri, "run": at.run_id}
+        {"sweep": name, "uri": without_user(at.uri), "run": at.run_id}
         for name, at in zip(chosen, made, strict=True)
     ]
     show_rows("rebuilt", rows, as_json)
@@ -54,19 +55,20 @@ def sync(
     from dmfc.engine.ledger import Ledger
     from dmfc.report.collect import list_sweeps, resolve_sweeps
     from dmfc.tracking.project import project_sweep
+    from dmfc.tracking.store import without_user
 
     ledger = Ledger(store)
     chosen = resolve_sweeps(ledger, sweeps) if sweeps else list_sweeps(ledger)
     rows = []
     for sweep_id in chosen:
         tracked = project_sweep(ledger, sweep_id, uri)
-        rows.append({"sweep": sweep_id, "uri": tracked.uri, "run": tracked.run_id})
+        rows.append({"sweep": sweep_id, "uri": without_user(tracked.uri), "run": tracked.run_id})
     show_rows("up to date", rows, as_json)
 
 
 def ui(
     store: Store = STORE,
-    port: Annotated[int, typer.Option(help="Port on 127.0.0.1; 0 takes a free one.")] = 5000,
+    port: Port = 5000,
     open_page: Annotated[
         bool, typer.Option("--open", help="Open the latest sweep in the browser.")
     ] = False,
@@ -78,9 +80,12 @@ def ui(
     from dmfc.tracking.ui import serve
 
     ledger = Ledger(store)
-    project_stale(ledger)
-    there = _tracked(ledger)
     try:
+        try:
+            project_stale(ledger)
+        except DmfcError as error:  # what is there can be looked at
+            stderr().print(f"{error}; shown as it is", markup=False, soft_wrap=True)
+        there = _tracked(ledger)
         if there and not database(ledger).is_file():  # all of them are on servers
             _show_pages(there, "", open_page)
             return
@@ -97,10 +102,11 @@ def ui(
 def _tracked(ledger: Ledger) -> dict[str, dict[str, str]]:
     """Where each sweep is in MLflow, the latest first."""
     from dmfc.report.collect import list_sweeps
-    from dmfc.report.page import MARKER
+    from dmfc.report.page import read_marker
 
-    paths = [ledger.store / "sweeps" / name / MARKER for name in reversed(list_sweeps(ledger))]
-    return {path.parent.name: json.loads(path.read_text()) for path in paths if path.is_file()}
+    names = reversed(list_sweeps(ledger))
+    found = {name: read_marker(ledger.store / "sweeps" / name) for name in names}
+    return {name: marker for name, marker in found.items() if marker}
 
 
 def _show_pages(there: Mapping[str, Mapping[str, str]], address: str, open_page: bool) -> None:

@@ -11,8 +11,8 @@ from dmfc.config.setting import GREATEST_SEED, setting
 @dataclass(frozen=True)
 class ExecutionConfig:
     protocol: str = setting(
-        "paper",
-        "Settings that hold in execution alone: paper, dexgraspbench, or the path of a YAML file.",
+        "default",
+        "Settings that hold in execution alone: default, dexgraspbench, or a YAML file.",
     )
     changes: dict[str, Any] = setting(
         {},
@@ -41,7 +41,7 @@ class ExecutionConfig:
         later=True,
     )
     most_confident: int = setting(
-        0,
+        32,
         "Number of predictions, the most confident, among which the K executed ones are spread; "
         "0: all.",
         least=0,
@@ -51,7 +51,6 @@ class ExecutionConfig:
         False,
         "Reject grasps whose hand would collide with points of the observed cloud, or reach into "
         "the table, on the approach that planning checks. The paper rejects none.",
-        later=True,
     )
     cloud_margin: float = setting(
         0.0,

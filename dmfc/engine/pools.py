@@ -3,31 +3,30 @@
 from __future__ import annotations
 
 import math
-import os
+import sys
 import time
 from collections import deque
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any, Protocol
 
 from dmfc.config.sweep import RunConfig
+from dmfc.engine.context import read_attempt
+from dmfc.engine.ledger import Ledger
+from dmfc.engine.lookout import held_by
+from dmfc.engine.nodes import Node
+from dmfc.engine.ray_cluster import Head, head_address, leave_ray_behind, start_ray, usable_cpus
 from dmfc.engine.worker import Job, Outcome, execute
-from dmfc.errors import DmfcError, first_line
-
-OBJECT_STORE_BYTES = 100 * 2**20
-"""Ray's shared memory: stages exchange files, so the least it accepts is plenty."""
-
+from dmfc.errors import first_line
 
 NODE_DEATHS = ("LocalRayletDiedError", "NodeDiedError", "RaySystemError")
 """Errors of Ray after which the cluster of one node that we started is gone."""
 DRIVER_NODE_DEATHS = ("LocalRayletDiedError", "RaySystemError")
 """Errors of Ray after which this process must connect to its cluster anew."""
-START_TRIES = 3
-CAPACITY_SECONDS = 5.0
+CAPACITY_SECONDS = 2.0
 """Time between two looks at how large the cluster is: nodes come and go."""
-
-
-KEEP_MEMORY = {"MALLOC_MMAP_MAX_": "0", "MALLOC_TRIM_THRESHOLD_": str(2**30)}
-"""glibc's malloc keeps up to this many freed bytes: training asks for the same blocks each step,
-and taking them from the system anew costs a fifth of its time. Read when a process starts."""
+NODE_LABEL = "ray.io/node-id"
+"""Ray's label of a node with its id."""
 
 
 class Pool(Protocol):
@@ -36,6 +35,9 @@ class Pool(Protocol):
     @property
     def cpus(self) -> int:
         """CPUs that jobs can have in all."""
+
+    def nodes(self) -> Sequence[Node]:
+        """The living nodes of the cluster; none where jobs run in this process."""
 
     def submit(self, job: Job) -> None:
         """Queue one job."""
@@ -53,9 +55,14 @@ class Pool(Protocol):
 class LocalPool:
     """Runs each job in this process, at the moment somebody waits for it."""
 
-    def __init__(self, run: RunConfig) -> None:
+    def __init__(self, run: RunConfig, note: Callable[[str], None] = lambda text: None) -> None:
+        """`note` is told which process a job waits for."""
         self.cpus = usable_cpus(run)
+        self._note = note
         self._queue: deque[Job] = deque()
+
+    def nodes(self) -> Sequence[Node]:
+        return ()
 
     def submit(self, job: Job) -> None:
         self._queue.append(job)
@@ -64,7 +71,11 @@ class LocalPool:
         if not self._queue:
             return []
         job = self._queue.popleft()
-        return [(job, execute(job))]
+
+        def waits() -> None:
+            self._note(held_by(job, read_attempt(Ledger(Path(job.store)).work(job.address))))
+
+        return [(job, execute(job, waits=waits))]
 
     def cancel(self, job: Job) -> None:
         self._queue.remove(job)  # what has begun here has also ended
@@ -77,25 +88,34 @@ class RayPool:
     """Runs each job as a Ray task: on this machine, or on the cluster at `run.ray_address`."""
 
     def __init__(self, run: RunConfig) -> None:
-        import ray
-
-        self._ray, self._run = ray, run
-        self._owns = not ray.is_initialized()
+        self._owns = not _connected()
         self._broken = False
         if self._owns:
             start_ray(run)
-        self._cpus, self._looked = 1, -math.inf
-        self._task = ray.remote(execute)
+        import ray  # after the settings of a cluster of ours, some of which it reads here
+
+        self._ray, self._run = ray, run
+        self._head = Head(head_address())
+        self._nodes: Sequence[Node] = ()
+        self._looked = -math.inf
+        self._task = ray.remote(_execute_here)
         self._running: dict[Any, Job] = {}
         self._lost: list[Job] = []
 
     @property
     def cpus(self) -> int:
         """CPUs of the cluster as it is now."""
-        if time.monotonic() - self._looked > CAPACITY_SECONDS:
+        return max(1, int(sum(node.cpus for node in self.nodes())))
+
+    def nodes(self) -> Sequence[Node]:
+        if time.monotonic() - self._looked > CAPACITY_SECONDS and self._head.answers:
             self._looked = time.monotonic()
-            self._cpus = max(1, int(self._ray.cluster_resources().get("CPU", 1)))
-        return self._cpus
+            # A client of Ray is outside the cluster and cannot ask the nodes themselves.
+            outside = self._run.ray_address.startswith("ray://")
+            self._nodes = [
+                _node(entry, outside) for entry in self._ray.nodes() if entry.get("Alive")
+            ]
+        return self._nodes
 
     def submit(self, job: Job) -> None:
         if self._broken and self._owns:
@@ -107,6 +127,7 @@ class RayPool:
             num_gpus=job.gpus,
             memory=int(job.memory_gb * 2**30) or None,
             max_retries=0,
+            label_selector={NODE_LABEL: f"!in({','.join(job.avoid)})"} if job.avoid else None,
         )
         self._running[task.remote(job)] = job
 
@@ -115,6 +136,9 @@ class RayPool:
             lost, self._lost = self._lost, []
             return [(job, Outcome("died", reason="Ray died under it")) for job in lost]
         if not self._running:
+            return []
+        if not self._head.answers:
+            time.sleep(seconds)
             return []
         ready, rest = self._ray.wait(list(self._running), num_returns=1, timeout=seconds)
         if ready and rest:
@@ -127,6 +151,9 @@ class RayPool:
             self._ray.cancel(ref, force=True)
 
     def close(self, abandon: bool) -> None:
+        if self._head.lost:
+            leave_ray_behind()
+            return
         if abandon:
             for ref in self._running:
                 self._ray.cancel(ref, force=True)
@@ -140,6 +167,7 @@ class RayPool:
         self._lost += list(self._running.values())
         self._running.clear()
         start_ray(self._run)
+        self._head = Head(head_address())
         self._broken = False
 
     def _outcome(self, ref: Any) -> Outcome:
@@ -152,55 +180,28 @@ class RayPool:
             return Outcome("died", reason=f"its worker died ({type(error).__name__}: {reason})")
 
 
-def usable_cpus(run: RunConfig) -> int:
-    """CPUs that this process may use, capped by the setting."""
-    allowed = len(os.sched_getaffinity(0))
-    return min(run.cpus, allowed) if run.cpus else allowed
-
-
-def start_ray(run: RunConfig) -> None:
-    """Start Ray on this machine, or connect to the cluster at `run.ray_address`.
-
-    Tries again: under high load Ray's own processes can miss the 30 s that it gives them.
-    Raises DmfcError if the last attempt fails too.
-    """
+def _execute_here(job: Job) -> Outcome:
+    """The task of Ray: the job, on this node."""
     import ray
 
-    for tries_left in reversed(range(START_TRIES)):
-        try:
-            return _init_ray(run)
-        except Exception as error:  # Ray raises bare ones
-            ray.shutdown()
-            if not tries_left:
-                raise DmfcError(_why_no_ray(run, error)) from error
+    return execute(job, ray.get_runtime_context().get_node_id())
 
 
-def _why_no_ray(run: RunConfig, error: Exception) -> str:
-    line = (str(error).strip().splitlines() or [type(error).__name__])[0]
-    if run.ray_address:
-        return f"no Ray cluster answers at '{run.ray_address}' (run.ray_address): {line}"
-    return (
-        f"Ray did not start on this machine: {line} (is it very busy, or out of memory? run the "
-        "same line again, with a smaller run.cpus, or name a running cluster by run.ray_address)"
+def _node(entry: dict[str, Any], outside: bool) -> Node:
+    """A node as `ray.nodes()` lists it."""
+    given = entry["Resources"]
+    return Node(
+        id=entry["NodeID"],
+        host=entry["NodeManagerHostname"],
+        address=entry["NodeManagerAddress"],
+        port=0 if outside else entry["NodeManagerPort"],
+        cpus=given.get("CPU", 0.0),
+        gpus=given.get("GPU", 0.0),
+        memory_gb=given.get("memory", 0.0) / 2**30,
     )
 
 
-def _init_ray(run: RunConfig) -> None:
-    import ray
-
-    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-    # Ray 2.60 still hides GPUs from num_gpus=0 tasks; this is the behaviour it announces.
-    os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
-    quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": "ERROR"}
-    if run.ray_address:
-        ray.init(address=run.ray_address, **quiet)
-        return
-    for name, value in KEEP_MEMORY.items():
-        os.environ.setdefault(name, value)  # for the workers, which inherit it
-    ray.init(
-        address="local",
-        num_cpus=usable_cpus(run),
-        include_dashboard=False,
-        object_store_memory=OBJECT_STORE_BYTES,
-        **quiet,
-    )
+def _connected() -> bool:
+    """Whether this process has a Ray already; does not import it."""
+    ray = sys.modules.get("ray")
+    return ray is not None and bool(ray.is_initialized())

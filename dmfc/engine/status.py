@@ -6,11 +6,11 @@ import time
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-
-from filelock import Timeout
+from pathlib import Path
 
 from dmfc.engine.context import read_attempt, read_progress
 from dmfc.engine.ledger import Ledger
+from dmfc.files.locks import is_held
 
 
 @dataclass(frozen=True)
@@ -41,10 +41,7 @@ def running(ledger: Ledger, stages: Mapping[str, str]) -> Iterator[Running]:
         told = read_attempt(ledger.work(address))
         if not told or ledger.finished(address):
             continue
-        try:
-            with ledger.lock(address).acquire(timeout=0):
-                continue  # whoever began it is dead
-        except Timeout:
+        if is_held(Path(ledger.lock(address).lock_file)):  # else whoever began it is dead
             fraction, message = read_progress(ledger.work(address))
             seconds = time.time() - told["started"]
             yield Running(address, name, told["host"], seconds, fraction, message)

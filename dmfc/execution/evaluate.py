@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
@@ -13,6 +14,7 @@ import pandas as pd
 
 from dmfc.config.execution import ExecutionConfig
 from dmfc.config.physics import PhysicsConfig
+from dmfc.config.scenes import ScenesConfig
 from dmfc.errors import DmfcError
 from dmfc.execution.candidates import (
     GraspCandidates,
@@ -36,6 +38,7 @@ from dmfc.outcome.features import FeatureMaker, SeededGrasps
 from dmfc.outcome.judge import Judge
 from dmfc.physics.world import World
 from dmfc.prediction.cloud_check import CloudCheck
+from dmfc.scenes.labels import HandAtGrasps, surviving_labels
 from dmfc.scenes.scene_set import Scene, SceneSet
 
 Row = Literal["model", "planner", "random"]
@@ -60,6 +63,8 @@ class Evaluation:
     description: HandDescription
     physics: PhysicsConfig
     config: ExecutionConfig
+    labels: ScenesConfig | None = None
+    """How the planner's row labels the scenes; None: they have their labels."""
     judge: Judge | None = None
     """Ranks the proposals; None: their confidence does."""
 
@@ -76,7 +81,7 @@ class Evaluation:
         if self.network is not None:
             return from_prediction(scene, predict(self.network, scene.points))
         if self.grasps is not None:
-            return from_labels(scene, self.grasps, self.hand)
+            return from_labels(self._labelled(scene, self.grasps), self.grasps, self.hand)
         return at_random(scene, self.hand, self.config)
 
     def selection(self, scene: Scene, proposed: GraspCandidates) -> Selection:
@@ -97,13 +102,32 @@ class Evaluation:
             proposed.position, proposed.rotation, proposed.joints, proposed.seed_point, confidence
         )
         if self.judge is None:
-            return replace(proposed, held=self._opposition(grasps, scene.points))
-        return replace(proposed, held=self.judge(grasps, scene.points).held)
+            return dataclasses.replace(proposed, held=self._opposition(grasps, scene.points))
+        return dataclasses.replace(proposed, held=self.judge(grasps, scene.points).held)
 
     def _opposition(self, grasps: SeededGrasps, points: np.ndarray) -> np.ndarray:
         """[n] in [0, 1]: 1 where thumb and fingers would press against each other."""
         column = self._features.names.index("opposed")
         return (1.0 + self._features(grasps, points)[:, column].astype(np.float64)) / 2
+
+    def _labelled(self, scene: Scene, grasps: Mapping[str, GraspSet]) -> Scene:
+        """The scene with those of the grasps that are clear of table and neighbours."""
+        if self.labels is None:
+            return scene
+        models = [self.objects[name] for name in scene.object_ids]
+        found = surviving_labels(
+            self.labels, models, scene.T_world_object, grasps, self._hand_at_grasps
+        )
+        return dataclasses.replace(
+            scene,
+            grasp_object=found.grasp_object,
+            grasp_index=found.grasp_index,
+            dropped=found.dropped,
+        )
+
+    @cached_property
+    def _hand_at_grasps(self) -> HandAtGrasps:
+        return HandAtGrasps(self.hand)
 
     @cached_property
     def _features(self) -> FeatureMaker:

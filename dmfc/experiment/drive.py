@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,10 +35,11 @@ class Driven:
 def drive(plans: Sequence[SweepPlan], ledger: Ledger, as_json: bool) -> Driven:
     """Run what is missing of the sweeps, write their tables and bring MLflow up to date.
 
-    Ends the program on Ctrl-C, after saying so in the sweeps' state and in MLflow.
+    Ends the program on Ctrl-C and SIGTERM, after saying so in the sweeps' state and, where that
+    takes a moment only, in MLflow.
     """
     from dmfc.engine.state import driving, write_state
-    from dmfc.tracking.live import LiveTracking
+    from dmfc.tracking.live import END_SECONDS, INTERRUPTED_SECONDS, LiveTracking
     from dmfc.tracking.store import require_answer
 
     ledger.prepare()
@@ -49,6 +50,7 @@ def drive(plans: Sequence[SweepPlan], ledger: Ledger, as_json: bool) -> Driven:
     except DmfcError as error:  # MLflow can be made later; the sweep need not wait for it
         stderr().print(f"{error}; the sweep goes on", markup=False, soft_wrap=True)
     live = LiveTracking(ledger, [plan.id for plan in plans], run.tracking_uri, run.tracking_seconds)
+    patience = INTERRUPTED_SECONDS
     try:
         with driving(folders):
             outcomes: Outcomes = {}
@@ -64,15 +66,20 @@ def drive(plans: Sequence[SweepPlan], ledger: Ledger, as_json: bool) -> Driven:
             ran = sum(outcome.status == "ran" for outcome in outcomes.values())
             tables = []
             for plan, folder in zip(plans, folders, strict=True):
-                table = write_tables(ledger, plan.record(), failures, as_json)
+                try:
+                    table = write_tables(ledger, plan.record(), failures, as_json)
+                except DmfcError:  # its rows are damaged
+                    write_state(folder, "FAILED", failures)
+                    raise
                 tables.append(table)
                 write_state(folder, "FAILED" if _incomplete(table) else "FINISHED", failures)
-    except typer.Exit:  # Ctrl-C
+            patience = END_SECONDS
+    except (typer.Exit, KeyboardInterrupt):
         for folder in folders:
             write_state(folder, "KILLED", {})
         raise
     finally:
-        live.finish()
+        live.finish(patience)
     results = [_result(*item, ledger, ran > 0) for item in zip(plans, tables, strict=True)]
     told = all("error" not in result["mlflow"] for result in results)
     return Driven(ran, told and not any(_incomplete(table) for table in tables), results)
@@ -145,15 +152,30 @@ def _round(search: SearchRecord) -> str:
 
 
 def write_tables(
-    ledger: Ledger, description: SweepRecord, failures: Mapping[str, str], as_json: bool
+    ledger: Ledger,
+    description: SweepRecord,
+    failures: Mapping[str, str],
+    as_json: bool,
+    read_only: bool = False,
 ) -> SweepTable:
-    """Make, write and (unless a machine asks) print the table of one sweep."""
+    """Make, write and (unless a machine asks) print the table of one sweep.
+
+    `read_only`: where the store cannot be written, say so and go on.
+    """
     from dmfc.report.collect import collect, table_from, write_table
+    from dmfc.report.left_out import left_out
     from dmfc.report.trials import read_trials
 
     rows = collect(ledger, description, failures)
     table = table_from(rows, description, read_trials(ledger, description, failures))
-    paths = write_table(ledger, table, rows)
+    table = replace(table, left_out=left_out(ledger, description.stages))
+    paths: list[Path] = []
+    try:
+        paths = write_table(ledger, table, rows)
+    except OSError as error:
+        if not read_only:
+            raise
+        stderr().print(f"not written: {error}", markup=False, soft_wrap=True)
     if not as_json:
         _print_table(table, paths)
     return table
@@ -200,9 +222,10 @@ def _incomplete(table: SweepTable) -> bool:
 def _result(plan: SweepPlan, table: SweepTable, ledger: Ledger, anew: bool) -> dict[str, Any]:
     """Page and tracking of one sweep, and its answer for a machine."""
     from dmfc.report.formats import to_json
+    from dmfc.report.outputs import intact
     from dmfc.report.page import PAGE
 
-    if anew or not (plan.folder(ledger) / PAGE).is_file():
+    if anew or not intact(plan.folder(ledger), PAGE):
         write = page_writer(ledger, plan.record(), table)
         write()  # for MLflow to show
         tracked = _track(plan, ledger)
@@ -224,29 +247,37 @@ def _result(plan: SweepPlan, table: SweepTable, ledger: Ledger, anew: bool) -> d
 def _track(plan: SweepPlan, ledger: Ledger) -> dict[str, str]:
     """Bring MLflow up to date; where the sweep is in it, or why it is not."""
     from dmfc.tracking.project import project_sweep
+    from dmfc.tracking.store import without_user
 
     try:
         tracked = project_sweep(ledger, plan.id, plan.config.run.tracking_uri)
     except DmfcError as error:  # the table stands, and other sweeps have theirs to tell
         stderr().print(f"{plan.id}: {error}", markup=False, soft_wrap=True)
         return {"error": str(error)}
-    return {"uri": tracked.uri, "experiment": tracked.experiment_id, "run": tracked.run_id}
+    return {
+        "uri": without_user(tracked.uri),
+        "experiment": tracked.experiment_id,
+        "run": tracked.run_id,
+    }
 
 
 def _print_table(table: SweepTable, paths: Sequence[Path]) -> None:
     from rich.console import Console
 
     from dmfc.report.formats import to_rich
+    from dmfc.report.left_out import SHOWN, left_out_line
     from dmfc.report.trials import trials_to_rich
 
     console = Console(highlight=False)
     if not console.is_terminal:  # a log or a pipe has no width to fit
         console.width = 140
     console.print(to_rich(table))
+    console.print(left_out_line(table.left_out, SHOWN), markup=False, soft_wrap=True)
     if table.trials:
         console.print(trials_to_rich(table.trials))
     for row in table.rows:
         if row.failure:
             stderr().print(f"{row.name}: {row.failure}", markup=False, soft_wrap=True)
-    written = ", ".join(path.name for path in paths)
-    console.print(f"written: {paths[0].parent}/ ({written})", markup=False, soft_wrap=True)
+    if paths:
+        written = ", ".join(path.name for path in paths)
+        console.print(f"written: {paths[0].parent}/ ({written})", markup=False, soft_wrap=True)

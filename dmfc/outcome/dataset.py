@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
 
 from dmfc.errors import DmfcError
+from dmfc.files.atomic import write_bytes, write_text
 
 CARD, ROWS = "README.md", "trials.parquet"
 
@@ -25,10 +25,10 @@ def export_trials(files: Sequence[tuple[Path, Path]], out: Path, about: str) -> 
     for number, (rows_file, scenes_file) in enumerate(files):
         name = f"scenes-{number:04d}.parquet"
         tables.append(pd.read_parquet(rows_file).assign(scenes_file=name))
-        shutil.copyfile(scenes_file, out / name)
+        write_bytes(out / name, scenes_file.read_bytes())
     rows = pd.concat(tables, ignore_index=True)
     rows.to_parquet(out / ROWS, index=False)
-    (out / CARD).write_text(_card(rows, len(files), about))
+    write_text(out / CARD, _card(rows, len(files), about))
     return len(rows)
 
 

@@ -154,9 +154,9 @@ class FeatureMaker:
 
     def _closing(self, joints: np.ndarray) -> np.ndarray:
         """T_palm_link [n, S, L, 4, 4] from the open to the squeezed hand."""
-        hand = self.hand
+        hand, closing = self.hand, self.hand.closing
         joints = np.clip(joints, hand.lower, hand.upper)
-        share = np.linspace(-hand.opening, hand.squeeze, STEPS)[None, :, None]
+        share = np.linspace(-closing.opening, closing.squeeze, STEPS)[None, :, None]
         angles = np.clip(joints[:, None] + share * hand.flexion, hand.lower, hand.upper)
         flat = link_poses(hand, angles.reshape(-1, hand.dofs))
         return flat.reshape(len(joints), STEPS, *flat.shape[1:])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +13,10 @@ import torch
 from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 
+from dmfc.config.closing import ClosingConfig
 from dmfc.config.outcome import OutcomeConfig
 from dmfc.errors import DmfcError
+from dmfc.files.atomic import write_json
 from dmfc.hand.model import HandModel
 from dmfc.outcome import features
 from dmfc.outcome.features import FeatureMaker, SeededGrasps
@@ -24,7 +26,7 @@ from dmfc.outcome.report import Report
 WEIGHTS, ABOUT = "outcome.safetensors", "outcome.json"
 HAND = "hand."
 """Begins the names of the arrays of the hand, so that a judge needs no hand to be built."""
-_PLAIN = "name", "dof_names", "link_names", "opening", "squeeze"
+_PLAIN = "name", "dof_names", "link_names"
 _ARRAYS = (
     "lower",
     "upper",
@@ -108,13 +110,13 @@ def save_judge(
     save_file(state | shape, out / WEIGHTS)
     about: dict[str, Any] = {
         "version": features.VERSION,
-        "hand": {name: getattr(hand, name) for name in _PLAIN},
+        "hand": {name: getattr(hand, name) for name in _PLAIN} | asdict(hand.closing),
         "features": len(net.mean),
         "widths": list(config.widths),
         "members": net.members,
         "unseen_objects": report.to_dict(),
     }
-    (out / ABOUT).write_text(json.dumps(about, indent=1) + "\n")
+    write_json(out / ABOUT, about)
 
 
 def _read_hand(about: Mapping[str, Any], tensors: Mapping[str, torch.Tensor]) -> HandModel:
@@ -122,6 +124,7 @@ def _read_hand(about: Mapping[str, Any], tensors: Mapping[str, torch.Tensor]) ->
     none = np.zeros((0, 3))
     return HandModel(
         **{name: about[name] for name in _PLAIN},
+        closing=ClosingConfig(opening=about["opening"], squeeze=about["squeeze"]),
         **{name: tensors[HAND + name].numpy() for name in _ARRAYS},
         collision_link=none[:, 0].astype(np.int64),
         collision_points=none,

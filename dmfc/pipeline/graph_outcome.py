@@ -104,6 +104,7 @@ def _shard(
     settings: dict[str, Any] = {
         "row": "model",
         "hand": under.hand,
+        "closing": under.closing,
         "execution": without(under.execution, *SELECTION),
         "physics": under.physics,
         "rollouts": chosen,
@@ -140,7 +141,7 @@ def outcome(builder: GraphBuilder, config: Config, proposer: Stage | Path) -> St
     """The predictor that learns from the executed predictions of a model."""
     settings = {
         "outcome": without(config.outcome, "objects", "proposer", "judge", "rollouts"),
-        "hand": executed(config).hand,
+        "closing": executed(config).closing,
         "seed": config.training.seed,
     }
     trials = rollouts(builder, config, proposer)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from dmfc.engine.context import StageContext
 from dmfc.pipeline.artifacts import SCENES, Objects, load_hand
-from dmfc.pipeline.stages import evaluation_of, hand_with, present
+from dmfc.pipeline.stages import evaluation_of, present
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -41,7 +41,7 @@ def outcome(ctx: StageContext) -> None:
     from dmfc.outcome.judge import save_judge
     from dmfc.outcome.trials import read_trials
 
-    hand = hand_with(ctx.config["hand"], ctx.input("hand"))
+    hand = load_hand(ctx.input("hand"), ctx.config["closing"])
     folders = present(ctx.input_list("rollouts"))
     trials = read_trials([(f / ROLLOUTS, f / SCENES) for f in folders], FeatureMaker(hand))
     config = ctx.config["outcome"]

@@ -8,7 +8,8 @@ from typing import Any
 
 from omegaconf import OmegaConf
 
-from dmfc.engine.digest import RECORD
+from dmfc.config.interpolation import refuse_interpolation
+from dmfc.engine.record import RECORD
 from dmfc.network.model_files import CONFIG, SUMMARY
 
 UNMEASURED = "This model was not evaluated."
@@ -17,6 +18,7 @@ UNMEASURED = "This model was not evaluated."
 def model_card(stage: Path, name: str, measured: str = "") -> str:
     """Markdown for the trained network in the folder `stage`; says only what its files say."""
     settings: Any = OmegaConf.load(stage / CONFIG)
+    refuse_interpolation(settings, str(stage / CONFIG))
     record = _json(stage / RECORD)
     summary = _json(stage / SUMMARY)
     weights = {**settings.losses.weights, **settings.losses.get("own", {})}

@@ -8,10 +8,10 @@ stage leaves them) and `README.md`, its card; and, where it has an outcome predi
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 
 from dmfc.errors import DmfcError, unknown_name
+from dmfc.files.atomic import write_bytes, write_text
 from dmfc.network.model_files import CONFIG, WEIGHTS
 
 SHIPPED = Path(__file__).resolve().parents[1] / "models"
@@ -66,10 +66,10 @@ def export_model(stage: Path, out: Path, default: bool = False, measured: str = 
     card = model_card(stage, out.name, measured)
     out.mkdir(parents=True, exist_ok=True)
     for name in (WEIGHTS, CONFIG):
-        shutil.copyfile(stage / name, out / name)
-    (out / CARD).write_text(card)
+        write_bytes(out / name, (stage / name).read_bytes())
+    write_text(out / CARD, card)
     if default:
-        (out.parent / DEFAULT).write_text(f"{out.name}\n")
+        write_text(out.parent / DEFAULT, f"{out.name}\n")
     return out
 
 
@@ -87,6 +87,6 @@ def add_judge(stage: Path, model: Path, measured: str = "") -> Path:
         raise DmfcError(f"the folder {model} holds no {WEIGHTS} (--model)")
     card = judge_card(stage, measured)
     for name in (JUDGE, ABOUT):
-        shutil.copyfile(stage / name, model / name)
-    (model / JUDGE_CARD).write_text(card)
+        write_bytes(model / name, (stage / name).read_bytes())
+    write_text(model / JUDGE_CARD, card)
     return model / JUDGE_CARD

@@ -21,10 +21,10 @@ from dmfc.network.inference import PredictedGrasps, predict
 from dmfc.network.model import DmfcGraspNet
 from dmfc.outcome.features import SeededGrasps
 from dmfc.outcome.judge import Judge, has_judge
-from dmfc.prediction.checks import CheckedCloud, check_cloud, require_points
 from dmfc.prediction.models import model_folder
 from dmfc.prediction.ranked import RankedGrasps
 from dmfc.prediction.table_plane import find_table
+from dmfc.sensing.check_cloud import CheckedCloud, check_cloud, require_points
 
 if TYPE_CHECKING:
     from dmfc.prediction.cloud_check import CloudCheck
@@ -82,8 +82,8 @@ class GraspPlanner:
     ) -> RankedGrasps:
         """Grasps of the objects whose surface `points` [N, 3] are, in the same frame, in metres.
 
-        `unit` of the points: m, cm or mm. `up` [3]: against gravity, in the cloud's frame; it may
-        lie anywhere. `table`: what to do about a table in the cloud: refuse, remove or keep.
+        `unit` of the points: m, cm, mm or inch. `up` [3]: against gravity, in the cloud's frame,
+        which may lie anywhere. `table`: what to do about one in the cloud: refuse, remove or keep.
         `check`: leave out grasps that the points or the table are in the way of, which is taken to
         be where the lowest point is (`CloudCheck`); the first time it builds the hand's model.
         `score`: what the confidence is: "outcome", the probability of being held by the model's
@@ -96,7 +96,9 @@ class GraspPlanner:
         cloud = _without_table(cloud, R_scene_cloud[2], table)
         judge = self._asked(score)
         chosen = cloud[choose(len(cloud.points), POINTS, np.random.default_rng(0))]
-        seen = chosen.points @ R_scene_cloud.T
+        # About their centre in float64: the network's float32 loses a map's coordinates.
+        centre = chosen.points.mean(0) @ R_scene_cloud.T * self._moved
+        seen = chosen.points @ R_scene_cloud.T - centre
         with with_compiled_loops(self.compiled):
             found = predict(self.net, seen)
         point = chosen.rows[found.seed_index]
@@ -109,7 +111,7 @@ class GraspPlanner:
         if judge is not None:
             confidence = judge(_on_table(found, height), seen - height).held
             once = once[np.argsort(-confidence[once], kind="stable")]
-        grasps = found[once].in_frame(transform(R_scene_cloud.T, np.zeros(3)))
+        grasps = found[once].in_frame(transform(R_scene_cloud.T, R_scene_cloud.T @ centre))
         return RankedGrasps(
             grasps.position,
             grasps.rotation,
@@ -120,6 +122,11 @@ class GraspPlanner:
             self.hand,
             self.model,
         )
+
+    @property
+    def _moved(self) -> np.ndarray:
+        """[3] 1 along the axes on which the network's answer moves with the cloud."""
+        return np.array([1.0, 1.0, 0.0 if self.net.config.height_feature else 1.0])
 
     def _asked(self, score: str) -> Judge | None:
         if score not in ("", *SCORES):

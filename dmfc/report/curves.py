@@ -10,11 +10,13 @@ from matplotlib.ticker import MaxNLocator
 
 from dmfc.engine.ledger import Ledger
 from dmfc.pipeline.artifacts import load_metrics
+from dmfc.report.figure import plain_text
 from dmfc.sweep.record import SweepRecord
 
 STAGES = ("pretrain", "finetune")
 
 
+@plain_text
 def draw_curves(ledger: Ledger, sweep: SweepRecord, path: Path) -> bool:
     """Write the picture as PNG: a panel per stage. False, and no picture, if no model is there."""
     curves: dict[str, dict[str, tuple[str, list[tuple[int, float]]]]] = {s: {} for s in STAGES}
@@ -25,7 +27,7 @@ def draw_curves(ledger: Ledger, sweep: SweepRecord, path: Path) -> bool:
             stage = address.partition("/")[0]
             shared = stage == "pretrain"
             name = "all cells" if shared else cell.label
-            points = _losses(ledger.folder(address))
+            points = _losses(ledger.verified(address))
             curves[stage].setdefault(address, (f"{name}, seed {cell.seed}", points))
     panels = [stage for stage in STAGES if curves[stage]]
     if not panels:
@@ -34,14 +36,14 @@ def draw_curves(ledger: Ledger, sweep: SweepRecord, path: Path) -> bool:
     FigureCanvasAgg(figure)
     for place, stage in enumerate(panels):
         axes = figure.add_subplot(1, len(panels), place + 1)
+        lines, labels = [], []
         for label, points in curves[stage].values():
-            axes.plot(
-                [x for x, _ in points],
-                [y for _, y in points],
-                label=label,
-                linewidth=1.2,
-                marker=".",
+            lines.append(
+                axes.plot(
+                    [x for x, _ in points], [y for _, y in points], linewidth=1.2, marker="."
+                )[0]
             )
+            labels.append(label)
         axes.set_title(f"{stage}: training loss", loc="left", fontsize=11)
         axes.set_xlabel("epoch")
         axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
@@ -49,7 +51,7 @@ def draw_curves(ledger: Ledger, sweep: SweepRecord, path: Path) -> bool:
         axes.set_xlim(0.5, last + 0.5)  # one epoch alone would have fractions beside it
         axes.grid(alpha=0.3)
         if len(curves[stage]) <= 12:  # more do not fit
-            axes.legend(fontsize=8, frameon=False)
+            axes.legend(lines, labels, fontsize=8, frameon=False)  # given, '_x' is shown too
     figure.savefig(path)
     return True
 

@@ -8,6 +8,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from dmfc.execution.outcome import REASONS
+from dmfc.report.figure import plain_text
 from dmfc.report.table import SweepTable
 
 HELD = "#54a24b"
@@ -28,6 +29,7 @@ OTHER = "#ff00ff"
 """Of a reason that is not in the vocabulary."""
 
 
+@plain_text
 def draw_failures(table: SweepTable, path: Path) -> None:
     """Write the picture as PNG: a bar per row of the table, as shares of its K x scenes trials."""
     figure = Figure(figsize=(9, 1.8 + 0.5 * len(table.rows)), dpi=110, layout="constrained")

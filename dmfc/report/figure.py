@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import matplotlib
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
@@ -11,8 +12,11 @@ from dmfc.report.table import NAMES, SweepTable
 
 COLOURS = {"valid": "#4c78a8", "success": "#f58518", "overall": "#54a24b"}
 BAR = 0.26
+plain_text = matplotlib.rc_context({"text.parse_math": False})
+"""Decorates what draws labels of users: `$` is a sign in them, and does not begin a formula."""
 
 
+@plain_text
 def draw_rates(table: SweepTable, path: Path) -> None:
     """Write the picture as PNG."""
     figure = Figure(figsize=(9, 1.6 + 0.7 * len(table.rows)), dpi=110, layout="constrained")

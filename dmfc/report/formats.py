@@ -5,10 +5,13 @@ from __future__ import annotations
 import csv
 import dataclasses
 import io
+import re
 from typing import Any
 
 from rich.table import Table
+from rich.text import Text
 
+from dmfc.report.left_out import left_out_line
 from dmfc.report.rates import Rate
 from dmfc.report.table import NAMES, SweepTable, TableRow
 from dmfc.report.trials import trial_lines
@@ -19,18 +22,24 @@ def to_markdown(table: SweepTable) -> str:
     head = ["model", "trials"]
     for name in table.show:
         head += [f"{name} ± s.e. [95 %]", "paper"]
-    lines = [f"## {table.title}", "", f"Sweep `{table.id}`, preset `{table.preset}`.", ""]
+    lines = [
+        f"## {_markdown(table.title)}",
+        "",
+        f"Sweep `{table.id}`, preset `{table.preset}`.",
+        "",
+    ]
     lines += [_markdown_row(head), _markdown_row(["---"] * len(head))]
     for row in table.rows:
-        cells = [row.label, str(row.trials)]
+        cells = [_markdown(row.label), str(row.trials)]
         for name in table.show:
             cells += [rate_text(row.rate(name)), paper_text(row, name)]
         lines.append(_markdown_row(cells))
+    lines += ["", left_out_line(table.left_out)]
     for row in table.rows:
         if row.failure:
-            lines += ["", f"**{row.label}: incomplete.** {row.failure}"]
+            lines += ["", f"**{_markdown(row.label)}: incomplete.** {_markdown(row.failure)}"]
     if table.trials:
-        head, *body = trial_lines(table.trials)
+        head, *body = [list(map(_markdown, line)) for line in trial_lines(table.trials)]
         lines += ["", "### Trials of the search", "", _markdown_row(head)]
         lines += [_markdown_row(["---"] * len(head)), *(_markdown_row(line) for line in body)]
     lines += ["", "### Overall rate per object", "", *_markdown_objects(table)]
@@ -46,7 +55,8 @@ def to_csv(table: SweepTable) -> str:
         head += [f"{name}{suffix}" for suffix in ("", "_n", "_se", "_low", "_high")]
         head += [f"paper_{name}", f"paper_{name}_se"]
     writer = csv.writer(out, lineterminator="\n")
-    writer.writerow([*head, "failure"])
+    writer.writerow([*head, "failure", "left_out"])
+    left_out = "; ".join(f"{name}: {reason}" for name, reason in table.left_out.items())
     for row in table.rows:
         line: list[Any] = [row.name, row.label, row.seeds, row.trials]
         for name in NAMES:
@@ -54,14 +64,15 @@ def to_csv(table: SweepTable) -> str:
             low, high = rate.interval or (None, None)
             line += [_number(rate.value), rate.trials, _number(rate.standard_error)]
             line += [_number(low), _number(high), *row.paper.get(name, ("", ""))]
-        writer.writerow([*line, row.failure])
+        writer.writerow([*line, row.failure, left_out])
     return out.getvalue()
 
 
 def to_latex(table: SweepTable) -> str:
     """A `tabular` for booktabs: ours with the interval, the paper's in brackets."""
     lines = [
-        f"% {table.title}; sweep {table.id}, preset {table.preset}",
+        f"% {_one_line(table.title)}; sweep {table.id}, preset {table.preset}",
+        f"% {_one_line(left_out_line(table.left_out))}",
         rf"\begin{{tabular}}{{lr{'l' * len(table.show)}}}",
         r"\toprule",
         " & ".join(["model", "$n$", *table.show]) + r" \\",
@@ -82,13 +93,15 @@ def to_json(table: SweepTable) -> dict[str, Any]:
         "title": table.title,
         "preset": table.preset,
         "cells": {row.name: _json_row(row) for row in table.rows},
+        "left_out": dict(table.left_out),
         "search": {trial.name: dataclasses.asdict(trial) for trial in table.trials},
     }
 
 
 def to_rich(table: SweepTable) -> Table:
     """The table for the terminal."""
-    shown = Table(title=f"{table.title} ({table.preset})", title_justify="left")
+    title = Text(f"{table.title} ({table.preset})", style="table.title")
+    shown = Table(title=title, title_justify="left")
     shown.add_column("model")
     shown.add_column("n", justify="right")
     for name in table.show:
@@ -98,7 +111,7 @@ def to_rich(table: SweepTable) -> Table:
         cells = [row.label, str(row.trials)]
         for name in table.show:
             cells += [rate_text(row.rate(name)).replace(" [", "\n["), paper_text(row, name)]
-        shown.add_row(*(cell.replace("[", r"\[") for cell in cells))
+        shown.add_row(*map(Text, cells))
     return shown
 
 
@@ -145,10 +158,10 @@ def _json_rate(rate: Rate) -> dict[str, Any]:
 
 def _markdown_objects(table: SweepTable) -> list[str]:
     names = sorted({name for row in table.rows for name in row.objects})
-    lines = [_markdown_row(["object", *(row.label for row in table.rows)])]
+    lines = [_markdown_row(["object", *(_markdown(row.label) for row in table.rows)])]
     lines.append(_markdown_row(["---"] * (len(table.rows) + 1)))
     for name in names:
-        cells = [name]
+        cells = [_markdown(name)]
         for row in table.rows:
             found = row.objects.get(name)
             has = found is not None and found.overall.value is not None
@@ -161,12 +174,21 @@ def _markdown_reasons(table: SweepTable) -> list[str]:
     lines = []
     for row in table.rows:
         counts = ", ".join(f"{reason} {count}" for reason, count in row.reasons.items())
-        lines.append(f"- {row.label}: {counts or 'all held'}")
+        lines.append(f"- **{_markdown(row.label)}**: {_markdown(counts) or 'all held'}")
     return lines
 
 
 def _markdown_row(cells: list[str]) -> str:
-    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+    return "| " + " | ".join(cells) + " |"
+
+
+def _markdown(text: str) -> str:
+    """Text as Markdown shows it: every sign as itself."""
+    return re.sub(r"([\\`*_{}\[\]<>#|$&~])", r"\\\1", _one_line(text))
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())
 
 
 def _latex_rate(row: TableRow, name: str) -> str:
@@ -178,8 +200,20 @@ def _latex_rate(row: TableRow, name: str) -> str:
     return f"${rate.value:.2f} \\pm {rate.standard_error:.2f}$ [{low:.2f}, {high:.2f}]{paper}"
 
 
+LATEX = {
+    **{sign: f"\\{sign}" for sign in "&%$#_{}"},
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    "<": r"\textless{}",
+    ">": r"\textgreater{}",
+    "|": r"\textbar{}",
+}
+"""Signs that mean something to LaTeX, as it prints them."""
+
+
 def _latex(text: str) -> str:
-    return text.replace("&", r"\&").replace("_", r"\_").replace("%", r"\%")
+    return "".join(LATEX.get(sign, sign) for sign in _one_line(text))
 
 
 def _number(value: float | None) -> str:

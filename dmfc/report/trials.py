@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from rich.table import Table
+from rich.text import Text
 
 from dmfc.engine.ledger import Ledger
 from dmfc.sweep.record import SearchRecord, SweepRecord
@@ -74,9 +75,11 @@ def trials_to_csv(trials: Sequence[SearchTrial]) -> str:
 def trials_to_rich(trials: Sequence[SearchTrial]) -> Table:
     """The trials for the terminal."""
     head, *body = trial_lines(trials)
-    shown = Table(*head, title="Trials of the search", title_justify="left")
+    shown = Table(title="Trials of the search", title_justify="left")
+    for name in head:
+        shown.add_column(Text(name))
     for line, trial in zip(body, trials, strict=True):
-        shown.add_row(*line, style="bold" if trial.best else "")
+        shown.add_row(*map(Text, line), style="bold" if trial.best else "")
     return shown
 
 

@@ -7,6 +7,7 @@ MLflow up to date once more and ends: runs of a driver that was killed are shown
 from __future__ import annotations
 
 import contextlib
+import json
 import select
 import subprocess
 import sys
@@ -19,8 +20,13 @@ from dmfc.errors import DmfcError
 
 END_SECONDS = 120.0
 """Time that the driver waits for the last update."""
+INTERRUPTED_SECONDS = 4.0
+"""The same after Ctrl-C or SIGTERM, when little time may be left; `dmfc ui` makes up for it."""
 DEATH_SECONDS = 2.0
 """Time after the pipe closed in which a killed driver's lock is freed."""
+ROOT = Path(__file__).resolve().parents[2]
+"""Where the package is."""
+CODE = "import sys; sys.path.append(sys.argv[1]); from dmfc.tracking.live import main; main()"
 
 
 class LiveTracking:
@@ -37,29 +43,33 @@ class LiveTracking:
         if self._process is None and time.monotonic() >= self._due:
             self._start()
 
-    def finish(self) -> None:
-        """Let the writer make its last update, and wait for it."""
+    def finish(self, seconds: float = END_SECONDS) -> None:
+        """Let the writer make its last update, and wait so long for it."""
         if self._process is None or self._process.stdin is None:
             return
         with contextlib.suppress(BrokenPipeError):
             self._process.stdin.close()
         try:
-            self._process.wait(END_SECONDS)
+            self._process.wait(seconds)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
 
     def _start(self) -> None:
-        command = [
-            sys.executable, "-m", "dmfc.tracking.live",
-            str(self._ledger.store), self._uri, str(self._seconds), *self._sweep_ids,
-        ]  # fmt: skip
+        # -P: a `random.py` of the user's in this folder is none of its modules.
+        command = [sys.executable, "-P", "-c", CODE, str(ROOT)]
         self._ledger.prepare()
         with (self._ledger.store / "work" / "tracking.log").open("a") as log:
             # A session of its own: Ctrl-C in the terminal is the driver's business.
             self._process = subprocess.Popen(
                 command, stdin=subprocess.PIPE, stdout=log, stderr=log, start_new_session=True
             )
+        # Not as arguments, which all users of the machine can read: the URI may have a password.
+        given = [str(self._ledger.store), self._uri, self._seconds, self._sweep_ids]
+        assert self._process.stdin is not None
+        with contextlib.suppress(BrokenPipeError):
+            self._process.stdin.write(f"{json.dumps(given)}\n".encode())
+            self._process.stdin.flush()
 
 
 def write_until_closed(store: Path, uri: str, seconds: float, sweep_ids: Sequence[str]) -> None:
@@ -90,6 +100,7 @@ def write_until_closed(store: Path, uri: str, seconds: float, sweep_ids: Sequenc
         project_sweep(ledger, sweep_id, uri, writer)
 
 
-if __name__ == "__main__":
-    place, at, every, *ids = sys.argv[1:]
-    write_until_closed(Path(place), at, float(every), ids)
+def main() -> None:
+    """The process: what to write is the first line of standard input."""
+    store, uri, seconds, sweep_ids = json.loads(sys.stdin.readline())
+    write_until_closed(Path(store), uri, seconds, sweep_ids)

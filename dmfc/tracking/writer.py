@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING
 
 from dmfc.sweep.record import SweepRecord
 from dmfc.tracking.cell import ENDED, CellContent, Point
-from dmfc.tracking.store import EXPERIMENT, artifact_location, require_answer
+from dmfc.tracking.moved import EXPERIMENT, set_locations
+from dmfc.tracking.store import artifacts_beside, require_answer, sqlite_path
 
 if TYPE_CHECKING:
     from mlflow.tracking import MlflowClient
@@ -64,8 +65,14 @@ class Writer:
         # After the import, which sets its own level: making tables is no news to the user.
         for name in ("mlflow", "alembic"):
             logging.getLogger(name).setLevel(logging.WARNING)
+        path = sqlite_path(uri)
+        if path is not None:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        self._artifacts = artifacts_beside(path) if path else None
         self.client: MlflowClient = MlflowClient(uri)
         self.uri = uri
+        if path is not None:
+            set_locations(path, artifacts_beside(path))
         self.experiment_id = self._experiment()
         self._known: dict[tuple[str, str], _Known] = {}
 
@@ -101,8 +108,12 @@ class Writer:
         found = self.client.get_experiment_by_name(EXPERIMENT)
         if found:
             return found.experiment_id
+        place = None  # a server decides itself
+        if self._artifacts:
+            self._artifacts.mkdir(exist_ok=True)
+            place = self._artifacts.as_uri()
         try:
-            return self.client.create_experiment(EXPERIMENT, artifact_location(self.uri))
+            return self.client.create_experiment(EXPERIMENT, place)
         except MlflowException:  # another writer made it meanwhile
             made = self.client.get_experiment_by_name(EXPERIMENT)
             if made is None:

@@ -11,6 +11,7 @@ import torch
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from dmfc.config.interpolation import refuse_interpolation
 from dmfc.errors import DmfcError, first_line
 from dmfc.hand.model import HandModel
 from dmfc.network.checkpoint import new_network
@@ -71,7 +72,9 @@ def replay(
 
 def _config(text: str) -> FitConfig:
     try:
-        merged = OmegaConf.merge(OmegaConf.structured(FitConfig), json.loads(text))
+        given = json.loads(text)
+        refuse_interpolation(given, "the settings of the batch")
+        merged = OmegaConf.merge(OmegaConf.structured(FitConfig), given)
         return cast(FitConfig, OmegaConf.to_object(merged))
     except (OmegaConfBaseException, ValueError) as error:
         message = first_line(error)

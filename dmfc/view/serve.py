@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ipaddress
+import socket
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
@@ -13,11 +15,16 @@ HOST = "127.0.0.1"
 def page_server(page: bytes, host: str = HOST, port: int = 0) -> ThreadingHTTPServer:
     """A server that answers `/` with these bytes of HTML and nothing else; 0: any free port.
 
+    It answers to addresses, `host` and names of this machine alone: a page of someone else's whose
+    name leads here (DNS rebinding) could read it otherwise.
     The caller runs and closes it. Raises DmfcError where it cannot listen there.
     """
 
     class Handler(BaseHTTPRequestHandler):
         def do_GET(self) -> None:
+            if not _ours(self.headers.get("Host", ""), host):
+                self.send_error(HTTPStatus.FORBIDDEN, "Host is no name of this machine")
+                return
             if self.path.split("?")[0] != "/":
                 self.send_error(HTTPStatus.NOT_FOUND)
                 return
@@ -38,6 +45,17 @@ def page_server(page: bytes, host: str = HOST, port: int = 0) -> ThreadingHTTPSe
         raise DmfcError(
             f"cannot listen on {host}, port {port}: {reason} (--host, --port)"
         ) from error
+
+
+def _ours(header: str, host: str) -> bool:
+    """Whether the header Host names this machine. An address cannot be made to lead elsewhere."""
+    name = header.rpartition(":")[0] if header.rpartition(":")[2].isdigit() else header
+    name = name.strip("[]").lower().rstrip(".")
+    try:
+        ipaddress.ip_address(name)
+        return True
+    except ValueError:
+        return name in {"localhost", host.lower(), socket.gethostname().lower(), socket.getfqdn()}
 
 
 def address(server: ThreadingHTTPServer) -> str:

@@ -44,7 +44,7 @@ def dense_picture(
         axes.scatter(*points.T, c="#555555", s=1.5, depthshade=False, zorder=1)
         if len(grasps):
             _draw(axes, grasps, hand, scale, dim=len(grasps) > 20)
-        axes.set_title(text, fontsize=11)
+        axes.set_title(text, fontsize=11, parse_math=False)
         _frame(axes, points)
         panels.append(axes)
     colours = ScalarMappable(scale, COLOURS)

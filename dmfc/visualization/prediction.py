@@ -58,4 +58,4 @@ def _frame(axes: Any, points: np.ndarray, title: str) -> None:
     axes.set_box_aspect((1, 1, 1))
     axes.view_init(elev=25, azim=-60)
     axes.tick_params(labelsize=6)
-    axes.set_title(title, fontsize=10)
+    axes.set_title(title, fontsize=10, parse_math=False)

@@ -9,11 +9,9 @@ import json
 import os
 import time
 
-import ray
-
 from dmfc.engine.ledger import Ledger
 from dmfc.files.atomic import write_json
-from tests.chaos.two_nodes import HELD
+from tests.chaos.held import HELD
 from tests.support import fake_science
 from tests.support.fake_science import FAKES, fake_refs, grasps, hand, object, scenes
 
@@ -67,6 +65,8 @@ def _learn(ctx, stage):
 
 def _hold(ctx):
     """Say which process waits on which node, and wait."""
+    import ray  # late: a cluster of its own is prepared before
+
     node = ray.get_runtime_context().get_node_id()
     write_json(ctx.work / HELD, {"pid": os.getpid(), "node": node})
     while (ctx.work.parents[1] / f"hold-{ctx.kind}").exists():

@@ -25,10 +25,11 @@ from dmfc.report.collect import collect, read_sweep
 from dmfc.report.rates import concatenate
 from dmfc.sweep.planner import plan_sweep
 from dmfc.sweep.sweep_file import load_sweep
-from tests.chaos.two_nodes import HELD, TwoNodes
+from tests.chaos.held import HELD
+from tests.chaos.two_nodes import TwoNodes
 from tests.support.fake_science import FAKES, fake_refs
 
-pytestmark = pytest.mark.full
+pytestmark = pytest.mark.chaos
 HERE = Path(__file__).resolve().parent
 PATIENCE = 600.0
 """Seconds for each step: a bound for what hangs, not for a busy machine."""

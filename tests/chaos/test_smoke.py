@@ -17,6 +17,7 @@ import pytest
 from dmfc.engine.context import read_attempt
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.state import read_state
+from dmfc.sweep.sweep_file import cell_config, load_sweep
 from dmfc.tracking.ui import free_port
 from tests.chaos.test_chaos import one_finished_run_per_cell, rows
 from tests.chaos.two_nodes import TwoNodes
@@ -135,6 +136,9 @@ def test_a_ray_job_runs_on_a_cluster_of_two_nodes(tmp_path, shadow_hand_dir, mon
     (folder,) = (tmp_path / "sweeps").iterdir()
     assert read_state(folder).status == "FINISHED"
     table = pd.read_parquet(folder / "trials.parquet")
+    sweep = load_sweep("table2")
+    configs = {cell.name: cell_config(sweep, cell, 0, "smoke", ()) for cell in sweep.cells}
     assert Counter(table["cell"]) == {
-        name: 8 for name in ("pretrained", "all", "planner", "random")
+        name: config.execution.grasps_per_scene * config.scenes.test.count
+        for name, config in configs.items()
     }

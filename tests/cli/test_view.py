@@ -52,8 +52,9 @@ def test_served_are_the_bytes_of_the_export(dmfc, box_file, tmp_path, shadow_han
     assert found, printed
     with urllib.request.urlopen(found[0]) as answer:
         assert answer.read() == out.read_bytes()
-    server.send_signal(signal.SIGINT)
+    server.send_signal(signal.SIGTERM)
     assert server.wait(PATIENCE) == 0
+    assert server.stdout.read() == "ended\n"
 
 
 def test_a_port_in_use_is_said(dmfc, box_file, shadow_hand_dir):

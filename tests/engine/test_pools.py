@@ -1,10 +1,17 @@
 """Ray that does not start: tried again, then said on one line."""
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import pytest
 
 from dmfc.config.sweep import RunConfig
-from dmfc.engine.pools import START_TRIES, start_ray
+from dmfc.engine.ray_cluster import KEEP_MEMORY, LOOPBACK, START_TRIES, start_ray
 from dmfc.errors import DmfcError
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture
@@ -12,6 +19,8 @@ def starts(monkeypatch):
     """Ray that fails to start so many times; counts the attempts."""
     import ray
 
+    for name in ("RAY_AUTH_TOKEN", "RAY_AUTH_MODE", *LOOPBACK, *KEEP_MEMORY):
+        monkeypatch.setenv(name, os.environ.get(name, "1"))  # set back at the end
     attempts: list[dict] = []
 
     def fail(times: int) -> list[dict]:
@@ -46,3 +55,29 @@ def test_no_ray_is_one_line_that_names_the_setting(starts, address, part):
     assert part in str(caught.value)
     assert "timed out during startup" in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_long_tmpdir_is_named(tmp_path):
+    """The message is Ray's own, of a real start."""
+    folder = tmp_path / ("long" * 25)
+    folder.mkdir()
+    code = """
+from dmfc.config.sweep import RunConfig
+from dmfc.engine import ray_cluster
+from dmfc.errors import DmfcError
+try:
+    ray_cluster.start_ray(RunConfig(cpus=1))
+except DmfcError as error:
+    print(error)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env={**os.environ, "TMPDIR": str(folder), "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    (line,) = done.stdout.splitlines()
+    assert "set TMPDIR" in line
+    assert "shorter" in line
+    assert "memory" not in line

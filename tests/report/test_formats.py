@@ -3,13 +3,19 @@
 import csv
 import io
 import json
+from types import SimpleNamespace
 
 import pandas as pd
 import pytest
+from markdown_it import MarkdownIt
 from rich.console import Console
 
+from dmfc.report.curves import draw_curves
+from dmfc.report.failures import draw_failures
+from dmfc.report.figure import draw_rates
 from dmfc.report.formats import to_csv, to_json, to_latex, to_markdown, to_rich
 from dmfc.report.table import CellRows, make_table
+from dmfc.sweep.record import CellRecord
 
 
 def trials(planned, held, n, objects=("ycb/mug", "ycb/banana")):
@@ -111,3 +117,90 @@ def test_a_picture_is_drawn(table, tmp_path):
     with Image.open(tmp_path / "table.png") as picture:
         assert picture.size[0] > 900
         assert len(picture.convert("RGB").getcolors(1 << 20) or []) > 10
+
+
+HARD = [
+    r"cost $5 & $6 #1 50% \alpha {x}_{y} ^2 ~a",
+    "_a_ *b* `c` [d](e) <f> a|b",
+    "back\\slash at the end \\",
+    "# one",
+    "- two",
+    "$\\frac{1}$",
+    "[red]x[/red]",
+]
+
+
+@pytest.fixture(params=HARD)
+def hard(request):
+    """A table of one row with a label and an object whose names have signs of every format."""
+    label = request.param
+    cells = [CellRows("all", label, 0, 8, trials(8, 4, 8, (label,)), {}, f"it failed: {label}")]
+    return label, make_table(cells, id="t-1", name="t", title=label, preset="quick")
+
+
+def test_markdown_shows_every_sign(hard):
+    """As a reader of Markdown that is not ours has it."""
+    label, table = hard
+    tokens = MarkdownIt("commonmark").enable("table").parse(to_markdown(table))
+    texts = [
+        "".join(part.content for part in token.children)
+        for token in tokens
+        if token.type == "inline"
+    ]
+    assert {part.type for token in tokens for part in token.children or ()} <= {
+        "text", "text_special", "strong_open", "strong_close", "code_inline", "softbreak",
+    }  # fmt: skip
+    assert texts[0] == label  # the title
+    assert texts.count(label) == 4  # and its row, its object, the head of the objects
+    assert f"{label}: slipped 4" in texts
+    assert f"{label}: incomplete. it failed: {label}" in texts
+
+
+def test_csv_and_terminal_keep_every_sign(hard):
+    label, table = hard
+    (line,) = csv.DictReader(io.StringIO(to_csv(table)))
+    assert (line["label"], line["failure"]) == (label, f"it failed: {label}")
+    out = io.StringIO()
+    Console(file=out, width=300).print(to_rich(table))
+    assert out.getvalue().startswith(f"{label} (quick)")
+    assert f"│ {label} " in out.getvalue()
+
+
+def test_latex_sets_every_sign():
+    label = r"a\b {c} $d$ #1 e&f 5% g_h ^i ~j <k> |l|"
+    cells = [CellRows("all", label, 0, 8, trials(8, 4, 8), {})]
+    text = to_latex(make_table(cells, id="t", name="t", title="a\nb", preset="p"))
+    assert text.startswith("% a b;")
+    assert text.splitlines()[5].split(" & 8 & ")[0] == (
+        r"a\textbackslash{}b \{c\} \$d\$ \#1 e\&f 5\% g\_h \textasciicircum{}i "
+        r"\textasciitilde{}j \textless{}k\textgreater{} \textbar{}l\textbar{}"
+    )
+
+
+def test_figures_show_a_dollar_as_it_is(hard, tmp_path, monkeypatch):
+    label, table = hard
+    drawn = []
+
+    def remember(renderer, gc, x, y, s, prop, angle, ismath=False, mtext=None):
+        drawn.append((s, ismath))
+
+    monkeypatch.setattr("matplotlib.backends.backend_agg.RendererAgg.draw_text", remember)
+    draw_rates(table, tmp_path / "rates.png")
+    draw_failures(table, tmp_path / "failures.png")
+    assert [ismath for text, ismath in drawn if text == label] == [False, False]
+    assert (f"{label} (quick)", False) in drawn
+
+
+def test_curves_name_a_cell_that_begins_with_an_underscore(ledger, tmp_path, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(
+        "matplotlib.backends.backend_agg.RendererAgg.draw_text",
+        lambda renderer, gc, x, y, s, prop, angle, ismath=False, mtext=None: drawn.append(s),
+    )
+    folder = ledger.folder("finetune/x")
+    folder.mkdir(parents=True)
+    (folder / "stage.json").write_text("{}")
+    (folder / "metrics.jsonl").write_text('{"epoch": 0, "loss": 1.0, "split": "train"}\n')
+    cell = CellRecord("a", "_a$b$", "finetuned", 0, 8, "finetune/x", None, (), {})
+    assert draw_curves(ledger, SimpleNamespace(cells=[cell]), tmp_path / "curves.png")
+    assert "_a$b$, seed 0" in drawn

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import http.client
 import json
 import re
 import socket
@@ -101,6 +102,32 @@ def test_the_server_gives_these_bytes_to_this_machine_alone():
             socket.create_connection(("127.0.0.2", server.server_port), 2)
         with pytest.raises(DmfcError, match=f"port {server.server_port}: Address already in use"):
             page_server(page, port=server.server_port)
+        server.shutdown()
+
+
+@pytest.mark.parametrize(
+    ("host", "status"),
+    [
+        ("127.0.0.1:{port}", 200),
+        ("localhost:{port}", 200),
+        ("[::1]:{port}", 200),
+        ("192.168.1.7", 200),
+        (socket.gethostname(), 200),
+        ("evil.example:{port}", 403),
+        ("127.0.0.1.evil.example", 403),
+        ("localhost.evil.example:{port}", 403),
+        ("", 403),
+    ],
+)
+def test_another_name_that_leads_here_gets_nothing(host, status):
+    """DNS rebinding: the page of evil.example asks 127.0.0.1 in its own name."""
+    with page_server(b"secret") as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        connection = http.client.HTTPConnection("127.0.0.1", server.server_port)
+        connection.request("GET", "/", headers={"Host": host.format(port=server.server_port)})
+        answer = connection.getresponse()
+        assert answer.status == status
+        assert (b"secret" in answer.read()) == (status == 200)
         server.shutdown()
 
 

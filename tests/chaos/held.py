@@ -1,0 +1,3 @@
+"""Where a stage that a test holds says its process and its node."""
+
+HELD = "held.json"
