@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.sparse import coo_matrix
@@ -223,8 +224,8 @@ class _Cloud:
 
     def __init__(self, points: np.ndarray) -> None:
         self.points = points
-        self.cells = (points, REACH, *fill_cells(points, REACH))
-        self.fine_cells = (points, NEAR, *fill_cells(points, NEAR))
+        self.cells: tuple[Any, ...] = (points, REACH, *fill_cells(points, REACH))
+        self.fine_cells: tuple[Any, ...] = (points, NEAR, *fill_cells(points, NEAR))
         pairs = cKDTree(points).query_pairs(LINKED, output_type="ndarray")
         links = coo_matrix((np.ones(len(pairs), bool), pairs.T), (len(points), len(points)))
         found, self.label = connected_components(links, directed=False)
