@@ -33,6 +33,7 @@ LAYERS = [
     {"scenes"},
     {"network"},
     {"training"},
+    {"outcome"},
     {"prediction"},
     {"execution"},
     {"visualization"},

@@ -15,6 +15,7 @@ from dmfc.cli import (
     exchange,
     grasps,
     objects,
+    outcome,
     predict,
     scenes,
     store,
@@ -51,6 +52,7 @@ app.command()(evaluate.compare)
 app.command()(predict.predict)
 app.command()(view.view)
 app.add_typer(predict.models_app, name="models")
+app.add_typer(outcome.outcome_app, name="outcome")
 app.add_typer(sweep.sweep_app, name="sweep")
 app.command()(sweep.tables)
 app.command()(tracking.ui)

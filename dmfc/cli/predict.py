@@ -60,6 +60,14 @@ Check = Annotated[
     ),
 ]
 
+Score = Annotated[
+    str,
+    typer.Option(
+        help="The confidence: outcome, the probability of being held by the model's predictor, or "
+        "confidence, the network's own; default: outcome where the model has a predictor."
+    ),
+]
+
 models_app = typer.Typer(help="Models that are shipped with dmfc.", no_args_is_help=True)
 
 
@@ -75,6 +83,7 @@ def predict(
     table: Table = "refuse",
     drop_invalid: DropInvalid = False,
     check: Check = False,
+    score: Score = "",
     top: Annotated[int, typer.Option(help="Only so many, the most confident; 0: all.")] = 0,
     out: Annotated[
         Path | None,
@@ -108,6 +117,7 @@ def predict(
         table=table,
         drop_invalid=drop_invalid,
         check=check,
+        score=score,
     ).answer()
     grasps = grasps[:top] if top else grasps
     if out is not None:
@@ -186,3 +196,15 @@ def models_export(
     from dmfc.prediction.models import export_model
 
     typer.echo(f"written: {export_model(stage, out, default, measured)}")
+
+
+@models_app.command("judge")
+def models_judge(
+    stage: Annotated[Path, typer.Argument(help="Folder that dmfc outcome train printed.")],
+    model: Annotated[Path, typer.Option("--model", help="Folder of the model that gets it.")],
+    measured: Annotated[str, typer.Option(help="What its card says of its rates.")] = "",
+) -> None:
+    """Give a model an outcome predictor, which then says what its confidence is."""
+    from dmfc.prediction.models import add_judge
+
+    typer.echo(f"written: {add_judge(stage, model, measured)}")

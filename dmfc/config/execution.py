@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from dmfc.config.setting import GREATEST_SEED, setting
+from dmfc.config.setting import GREATEST_SEED, KEYS_VERSION, setting
 
 
 @dataclass(frozen=True)
@@ -21,8 +21,24 @@ class ExecutionConfig:
     grasps_per_scene: int = setting(
         4, "Number of grasps executed per scene (K).", least=1, greatest=1000
     )
+    score: Literal["confidence", "opposition", "outcome"] = setting(
+        "confidence",
+        "What ranks the grasps: the network's confidence; how far thumb and fingers oppose each "
+        "other once they are closed on the cloud; or the probability of being held that an "
+        "outcome predictor gives (settings outcome.*).",
+        later=KEYS_VERSION,
+    )
     min_confidence: float = setting(
-        0.15, "Predictions with less confidence are not executed.", least=0, greatest=1
+        0.15,
+        "Predictions with less confidence are not executed, where the confidence ranks.",
+        least=0,
+        greatest=1,
+    )
+    confidence_unit: Literal["one", "weight"] = setting(
+        "one",
+        "Unit of min_confidence: 1, or losses.weights.confidence (w5). In units of w5 the "
+        "greatest task loss that passes is 1 / min_confidence, whatever w5 is.",
+        later=KEYS_VERSION,
     )
     most_confident: int = setting(
         32,
@@ -35,6 +51,15 @@ class ExecutionConfig:
         False,
         "Reject grasps whose hand would collide with points of the observed cloud, or reach into "
         "the table, on the approach that planning checks. The paper rejects none.",
+    )
+    cloud_margin: float = setting(
+        0.0,
+        "Margin by which the cloud check is stricter at first. Grasps that pass only without it "
+        "fill up what is missing of K.",
+        unit="m",
+        least=0,
+        greatest=0.1,
+        later=KEYS_VERSION,
     )
     seed: int = setting(0, "Seed of the random grasps.", least=0, greatest=GREATEST_SEED)
     random_offset: float = setting(

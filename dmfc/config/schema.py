@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from dmfc.config.closing import ClosingConfig
 from dmfc.config.execution import ExecutionConfig
@@ -11,6 +12,7 @@ from dmfc.config.hand import HandConfig
 from dmfc.config.losses import LossConfig
 from dmfc.config.network import NetworkConfig
 from dmfc.config.objects import ObjectsConfig
+from dmfc.config.outcome import OutcomeConfig
 from dmfc.config.physics import PhysicsConfig
 from dmfc.config.scenes import MatchingConfig, ScenesConfig
 from dmfc.config.setting import setting
@@ -33,14 +35,16 @@ class Config:
     training: TrainingConfig = setting(TrainingConfig, "Training in two stages.")
     validation: ValidationConfig = setting(ValidationConfig, "Validation on held-out objects.")
     execution: ExecutionConfig = setting(ExecutionConfig, "Execution of grasps in MuJoCo.")
+    outcome: OutcomeConfig = setting(OutcomeConfig, "The predictor of what becomes of a grasp.")
     run: RunConfig = setting(RunConfig, "Resources, which never enter a stage's key.")
 
     def __post_init__(self) -> None:
         """Raises ValueError where settings of different groups contradict each other."""
-        sets = {
+        sets: dict[str, Any] = {
             "scenes.train": self.scenes.train,
             "scenes.test": self.scenes.test,
             "validation.scenes": self.validation.scenes,
+            "outcome.rollouts": self.outcome.rollouts,
         }
         for name, scenes in sets.items():
             if scenes.min_objects > scenes.max_objects:

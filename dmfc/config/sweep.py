@@ -75,3 +75,5 @@ class RunConfig:
     pretrain: StageLimits = setting(StageLimits, "Limits of one pre-training.")
     finetune: StageLimits = setting(StageLimits, "Limits of one fine-tuning.")
     evaluate: StageLimits = setting(StageLimits, "Limits of one shard of evaluation.")
+    rollouts: StageLimits = setting(StageLimits, "Limits of one shard of executed predictions.")
+    outcome: StageLimits = setting(StageLimits, "Limits of training one outcome predictor.")

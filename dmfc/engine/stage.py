@@ -8,11 +8,12 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from dmfc.config.setting import KEYS_VERSION, enters_key
 from dmfc.files.digest import text_digest
 
+T = TypeVar("T")
 KEY_LENGTH = 32
 """Hexadecimal digits of a key: 128 bits of its SHA-256."""
 
@@ -111,6 +112,18 @@ def plain(value: Any) -> Any:
     if value is None or isinstance(value, bool | int | float | str):
         return value
     raise TypeError(f"{type(value).__name__} cannot be part of a stage's key")
+
+
+def without(settings: T, *fields: str) -> T:
+    """`settings` with those fields back at their defaults."""
+    fresh = {}
+    for item in dataclasses.fields(settings):  # type: ignore[arg-type]
+        if item.name in fields:
+            made = item.default_factory
+            fresh[item.name] = item.default if made is dataclasses.MISSING else made()
+    if len(fresh) != len(fields):
+        raise ValueError(f"{type(settings).__name__} lacks one of {fields}")
+    return dataclasses.replace(settings, **fresh)  # type: ignore[type-var]
 
 
 def differences(old: Any, new: Any, prefix: str = "") -> Iterator[str]:

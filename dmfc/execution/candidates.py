@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dmfc.config.execution import ExecutionConfig
-from dmfc.geometry.points import farthest_points
 from dmfc.grasps.grasp_set import GraspSet
 from dmfc.grasps.grasps import Grasps
 from dmfc.hand.model import HandModel
@@ -26,6 +25,19 @@ class GraspCandidates(Grasps):
     """[n] in [0, 1]."""
     object_index: np.ndarray
     """[n] the object of the scene that is to be grasped."""
+    seed_point: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    """[n] i64 point of the cloud that the grasp was proposed at, -1: none; left out: none."""
+    held: np.ndarray | None = None
+    """[n] probability of being held, by an outcome predictor; None: nobody was asked."""
+
+    def __post_init__(self) -> None:
+        if len(self.seed_point) != len(self.position):
+            object.__setattr__(self, "seed_point", np.full(len(self.position), -1))
+
+    @property
+    def score(self) -> np.ndarray:
+        """[n] by which they are ranked, the best the largest."""
+        return self.confidence if self.held is None else self.held
 
 
 def from_labels(scene: Scene, grasps: Mapping[str, GraspSet], hand: HandModel) -> GraspCandidates:
@@ -60,6 +72,7 @@ def from_prediction(scene: Scene, predicted: PredictedGrasps) -> GraspCandidates
         predicted.joints,
         predicted.confidence,
         scene.point_object[predicted.seed_index].astype(np.int64),
+        predicted.seed_index.astype(np.int64),
     )
 
 
@@ -77,19 +90,5 @@ def at_random(scene: Scene, hand: HandModel, config: ExecutionConfig) -> GraspCa
         joints=generator.uniform(hand.lower, hand.upper, (count, hand.dofs)),
         confidence=np.ones(count),
         object_index=scene.point_object[seeds].astype(np.int64),
+        seed_point=seeds.astype(np.int64),
     )
-
-
-def select(candidates: GraspCandidates, config: ExecutionConfig) -> GraspCandidates:
-    """At most K: those of enough confidence, spread by farthest point sampling of palm positions.
-
-    Farthest points are outliers: `most_confident` bounds how far down they may be looked for. The
-    first is the most confident. Ties keep their order.
-    """
-    rows = np.argsort(-candidates.confidence, kind="stable")
-    rows = rows[candidates.confidence[rows] >= config.min_confidence]
-    rows = rows[: config.most_confident or None]
-    if len(rows) > config.grasps_per_scene:
-        spread = farthest_points(candidates.position[rows], config.grasps_per_scene)
-        rows = rows[spread]
-    return candidates[rows]

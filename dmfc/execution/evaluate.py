@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 import pandas as pd
 
 from dmfc.config.execution import ExecutionConfig
@@ -20,19 +21,21 @@ from dmfc.execution.candidates import (
     at_random,
     from_labels,
     from_prediction,
-    select,
 )
+from dmfc.execution.columns import grasp_columns
 from dmfc.execution.diversity import diversity
 from dmfc.execution.outcome import Outcome
+from dmfc.execution.selection import Levels, Selection, select
 from dmfc.execution.trial import TrialRunner
 from dmfc.execution.trial_files import DIVERSITY, TRIALS
-from dmfc.geometry.transforms import transform
 from dmfc.grasps.grasp_set import GraspSet
 from dmfc.hand.description import HandDescription
 from dmfc.hand.model import HandModel
 from dmfc.network.inference import predict
 from dmfc.network.model import DmfcGraspNet
 from dmfc.objects.model import ObjectModel
+from dmfc.outcome.features import FeatureMaker, SeededGrasps
+from dmfc.outcome.judge import Judge
 from dmfc.physics.world import World
 from dmfc.prediction.cloud_check import CloudCheck
 from dmfc.scenes.labels import HandAtGrasps, surviving_labels
@@ -62,12 +65,16 @@ class Evaluation:
     config: ExecutionConfig
     labels: ScenesConfig | None = None
     """How the planner's row labels the scenes; None: they have their labels."""
+    judge: Judge | None = None
+    """Ranks the proposals; None: their confidence does."""
 
     def __post_init__(self) -> None:
         if (self.row == "model") != (self.network is not None) or (self.row == "planner") != (
             self.grasps is not None
         ):
             raise DmfcError(f"row '{self.row}': a model needs a network, the planner needs grasps")
+        if (self.config.score == "outcome") != (self.judge is not None):
+            raise DmfcError("an outcome predictor is needed where it ranks (execution.score)")
 
     def proposals(self, scene: Scene) -> GraspCandidates:
         """All grasps that are proposed in a scene, before K of them are selected."""
@@ -77,15 +84,31 @@ class Evaluation:
             return from_labels(self._labelled(scene, self.grasps), self.grasps, self.hand)
         return at_random(scene, self.hand, self.config)
 
+    def selection(self, scene: Scene, proposed: GraspCandidates) -> Selection:
+        """The at most K of all proposed that are executed, and what was left out."""
+        return select(self.scored(scene, proposed), self.config, self._levels(scene))
+
     def chosen(self, scene: Scene, proposed: GraspCandidates) -> GraspCandidates:
         """The at most K of all proposed that are executed."""
-        if self.config.cloud_check:
-            # Those that `select` drops anyway need no check, which is what takes time.
-            proposed = proposed[proposed.confidence >= self.config.min_confidence]
-            T_world_palm = transform(proposed.rotation, proposed.position)
-            check = self._cloud_check.clear(T_world_palm, proposed.joints, scene.points)
-            proposed = proposed[check]
-        return select(proposed, self.config)
+        return self.selection(scene, proposed).chosen
+
+    def scored(self, scene: Scene, proposed: GraspCandidates) -> GraspCandidates:
+        """The proposals with the score that ranks them."""
+        if self.config.score == "confidence":
+            return proposed
+        # The predictor knows a network's confidence; other rows have none of the kind.
+        confidence = proposed.confidence if self.network else np.full(len(proposed), np.nan)
+        grasps = SeededGrasps(
+            proposed.position, proposed.rotation, proposed.joints, proposed.seed_point, confidence
+        )
+        if self.judge is None:
+            return replace(proposed, held=self._opposition(grasps, scene.points))
+        return replace(proposed, held=self.judge(grasps, scene.points).held)
+
+    def _opposition(self, grasps: SeededGrasps, points: np.ndarray) -> np.ndarray:
+        """[n] in [0, 1]: 1 where thumb and fingers would press against each other."""
+        column = self._features.names.index("opposed")
+        return (1.0 + self._features(grasps, points)[:, column].astype(np.float64)) / 2
 
     def _labelled(self, scene: Scene, grasps: Mapping[str, GraspSet]) -> Scene:
         """The scene with those of the grasps that are clear of table and neighbours."""
@@ -107,7 +130,23 @@ class Evaluation:
         return HandAtGrasps(self.hand)
 
     @cached_property
-    def _cloud_check(self) -> CloudCheck:
+    def _features(self) -> FeatureMaker:
+        return FeatureMaker(self.hand)
+
+    def _levels(self, scene: Scene) -> Levels | None:
+        if not self.config.cloud_check:
+            return None
+
+        def levels(grasps: GraspCandidates) -> np.ndarray:
+            found = self.cloud_check.depths(grasps.T, grasps.joints, scene.points)
+            passes = self.cloud_check.passes
+            return passes(found).astype(int) + passes(found, self.config.cloud_margin)
+
+        return levels
+
+    @cached_property
+    def cloud_check(self) -> CloudCheck:
+        """Of grasps against what is seen of a scene."""
         return CloudCheck(self.hand, self.config)
 
     def open(self, scene: Scene, *, visual: bool = False) -> TrialRunner:
@@ -123,16 +162,16 @@ class Evaluation:
         """
         runner = self.open(scene)
         for trial in range(self.config.grasps_per_scene):
-            outcome, target, confidence = Outcome(), "", float("nan")
+            outcome, target = Outcome(), ""
             if trial < len(candidates):
                 which = int(candidates.object_index[trial])
-                target, confidence = scene.object_ids[which], float(candidates.confidence[trial])
+                target = scene.object_ids[which]
                 outcome = runner.run(candidates.T[trial], candidates.joints[trial], which)
             yield {
                 "scene": scene.scene,
                 "trial": trial,
                 "object": target,
-                "confidence": confidence,
+                **grasp_columns(candidates, trial, self.hand.dofs),
                 **outcome.row(),
             }
 
@@ -151,9 +190,9 @@ def evaluate_shard(
     spreads: list[dict[str, Any]] = []
     for done, scene in enumerate(evaluation.scenes, start=1):
         proposed = evaluation.proposals(scene)
-        executed = evaluation.chosen(scene, proposed)
-        rows += evaluation.trials(scene, executed)
-        spreads.append(_spread(scene, proposed, executed))
+        selection = evaluation.selection(scene, proposed)
+        rows += evaluation.trials(scene, selection.chosen)
+        spreads.append(_spread(scene, proposed, selection))
         planned, held = (sum(row[name] for row in rows) for name in ("planned", "held"))
         told = f"planned {planned / len(rows):.2f}, held {held / len(rows):.2f} of {len(rows)}"
         progress(done / len(evaluation.scenes), told)
@@ -161,10 +200,14 @@ def evaluate_shard(
     pd.DataFrame(spreads).to_parquet(out / DIVERSITY, index=False)
 
 
-def _spread(scene: Scene, proposed: GraspCandidates, executed: GraspCandidates) -> dict[str, Any]:
+def _spread(scene: Scene, proposed: GraspCandidates, selection: Selection) -> dict[str, Any]:
+    executed = selection.chosen
     row: dict[str, Any] = {
         "scene": scene.scene,
         "proposed": len(proposed),
+        "confident": selection.confident,
+        "checked": selection.checked,
+        "clear": selection.clear,
         "executed": len(executed),
     }
     for name, grasps in (("proposed", proposed), ("executed", executed)):

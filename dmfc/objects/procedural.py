@@ -3,6 +3,8 @@
 Object number i is a function of i alone: its family goes round the list of families, its
 dimensions are drawn from ranges of real household things that a human-sized hand can hold. All are
 watertight, stand upright with the base on z = 0, and are centred on the z axis. Metres.
+
+A large one is the object of that number scaled as a whole: what a hand spans with its fingers open.
 """
 
 from __future__ import annotations
@@ -20,29 +22,40 @@ from dmfc.objects.mesh import from_manifold
 
 VERSION = 1
 """Raised when a shape of any number changes."""
+LARGER = 1.25, 1.65
+"""By how much a large one is scaled: balls up to 165 mm, boxes up to 330 mm long."""
+_LARGE = "-large"
 _SEGMENTS = 48
 
 
-def generate(number: int) -> trimesh.Trimesh:
-    """The object of that number."""
+def generate(number: int, large: bool = False) -> trimesh.Trimesh:
+    """The object of that number, or the large one of that number."""
     rng = np.random.default_rng([VERSION, number])
     solid = _FAMILIES[number % len(_FAMILIES)][1](rng)
     vertices, faces = from_manifold(solid.simplify(2e-5))
     lower, upper = vertices.min(axis=0), vertices.max(axis=0)
     vertices -= np.array([*(lower + upper)[:2] / 2, lower[2]])
+    if large:
+        vertices *= np.random.default_rng([VERSION, number, 1]).uniform(*LARGER)
     return trimesh.Trimesh(vertices, faces, process=False)
 
 
-def name_of(number: int) -> str:
-    """The name of the object of that number, e.g. "bottle-0007"."""
-    return f"{_FAMILIES[number % len(_FAMILIES)][0]}-{number:04d}"
+def name_of(number: int, large: bool = False) -> str:
+    """The name of the object of that number, e.g. "bottle-0007" or "bottle-0007-large"."""
+    family = _FAMILIES[number % len(_FAMILIES)][0]
+    return f"{family}-{number:04d}{_LARGE if large else ''}"
+
+
+def is_large(name: str) -> bool:
+    """Whether a name is that of a large object."""
+    return name.endswith(_LARGE)
 
 
 def number_of(name: str) -> int:
     """The number in a name; DmfcError if no object has this name."""
-    match = re.fullmatch(r"[a-z]+-(\d{4,})", name)
+    match = re.fullmatch(rf"[a-z]+-(\d{{4,}})(?:{_LARGE})?", name)
     number = int(match.group(1)) if match else 0
-    if match is None or name_of(number) != name:
+    if match is None or name_of(number, is_large(name)) != name:
         raise unknown_name(
             "procedural object", name, [name_of(i) for i in range(number, number + 2 * 12)]
         )

@@ -7,6 +7,7 @@ A selector is one of
     ycb:mug, ycb/mug        one object
     ycb:test                a named subset: the 16 test objects of the paper
     procedural:20?from=100  twenty generated objects, beginning with number 100
+    procedural:20?from=100&size=large   the same, scaled to what a hand just spans
     folder:/path?unit=mm    the user's own mesh file or folder of mesh files (m, cm, mm, inch)
     folder:/path?scale=0.06 their meshes times a number (after the unit), such as normalised ones
     rings.py:rings          what a function in the user's file lists (`dmfc.objects.custom`)
@@ -185,16 +186,19 @@ def _procedural(rest: str, selector: str, by_name: bool) -> list[ObjectSource]:
     if by_name:
         if not text:
             raise DmfcError("object selector 'procedural' needs a number, as in 'procedural:20'")
-        numbers = [procedural.number_of(text)]
+        numbers, large = [procedural.number_of(text)], procedural.is_large(text)
     else:
-        match = re.fullmatch(r"(?:from=(\d+))?", option)
+        match = re.fullmatch(r"(?:from=(\d+))?(?:(?:^|&)size=(large))?", option)
         if match is None:
-            raise DmfcError(f"object selector '{selector}': expected '?from=NUMBER' at the end")
-        first = int(match.group(1) or 0)
+            raise DmfcError(
+                f"object selector '{selector}': expected '?from=NUMBER' or '?size=large' at the "
+                "end, or both with & between"
+            )
+        first, large = int(match.group(1) or 0), bool(match.group(2))
         numbers = list(range(first, first + _count(text, selector, 100_000)))
     sources = []
     for number in numbers:
-        name = procedural.name_of(number)
+        name = procedural.name_of(number, large)
         content = f"procedural {procedural.VERSION} {name}"
         sources.append(
             ObjectSource(
@@ -203,7 +207,7 @@ def _procedural(rest: str, selector: str, by_name: bool) -> list[ObjectSource]:
                 mass=None,
                 digest=hashlib.sha256(content.encode()).hexdigest(),
                 selector=f"procedural/{name}",
-                loader=functools.partial(procedural.generate, number),
+                loader=functools.partial(procedural.generate, number, large),
             )
         )
     return sources

@@ -10,23 +10,24 @@ import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from dmfc.config.custom_function import own_function
+from dmfc.config.execution import ExecutionConfig
 from dmfc.config.losses import LossWeights, Q1Config
 from dmfc.config.protocol import executed
 from dmfc.config.scenes import ScenesConfig, SceneSetConfig
 from dmfc.config.schema import Config
 from dmfc.engine.kinds import Registry, kind_of
-from dmfc.engine.stage import Stage
+from dmfc.engine.stage import Stage, without
 from dmfc.errors import DmfcError
 from dmfc.files.digest import file_digest
 from dmfc.grasps.library import in_library, library_file, library_folder
 from dmfc.hand.description import own_hand_digest
 from dmfc.network.model_files import WEIGHTS
+from dmfc.pipeline.graph_outcome import judge
 from dmfc.pipeline.kinds import KINDS
 
-T = TypeVar("T")
 HARD_SAMPLES = "hard_samples", "hard_error", "hard_scope", "rank_points"
 """Settings of `training` that choose hard samples."""
 MOST_SHARDS = 5000
@@ -62,16 +63,13 @@ class CellStages:
         return self.evaluations or ((self.model,) if self.model else ())
 
 
-def without(settings: T, *fields: str) -> T:
-    """`settings` with those fields back at their defaults."""
-    fresh = {}
-    for field in dataclasses.fields(settings):  # type: ignore[arg-type]
-        if field.name in fields:
-            made = field.default_factory
-            fresh[field.name] = field.default if made is dataclasses.MISSING else made()
-    if len(fresh) != len(fields):
-        raise ValueError(f"{type(settings).__name__} lacks one of {fields}")
-    return dataclasses.replace(settings, **fresh)  # type: ignore[type-var]
+def _in_units(under: Config) -> ExecutionConfig:
+    """Settings of execution as an evaluation has them: the threshold of confidence as it is."""
+    execution = without(under.execution, "protocol", "changes", "confidence_unit")
+    if under.execution.confidence_unit == "one":
+        return execution
+    least = execution.min_confidence * under.losses.weights.confidence
+    return dataclasses.replace(execution, min_confidence=least)
 
 
 def _unused_in_pretraining(config: Config) -> tuple[str, ...]:
@@ -247,7 +245,7 @@ class GraphBuilder:
             "row": "model" if trained or checkpoint else model,
             "hand": under.hand,
             "closing": under.closing,
-            "execution": without(under.execution, "protocol", "changes"),
+            "execution": _in_units(under),
             "physics": under.physics,
         }
         if checkpoint:
@@ -261,6 +259,9 @@ class GraphBuilder:
             inputs["model"] = trained
         if model == "planner":
             inputs["grasps"] = self.grasps(config, "test")
+        if under.execution.score == "outcome":
+            more = judge(self, config, trained, checkpoint)
+            settings, inputs, hints = settings | more[0], inputs | more[1], hints | more[2]
         # Only the planner executes labels. Those of the library cost nothing; where they would have
         # to be planned, the scenes have none, and the planner's row labels them itself.
         labelled = all("library" in stage.config for stage in self.grasps(config, "test"))

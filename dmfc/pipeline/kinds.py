@@ -45,5 +45,7 @@ KINDS: Registry = registry(
         cpus=_training_cpus,
         gpus=_training_gpus,
     ),
-    StageKind("evaluate", "dmfc.pipeline.stages:evaluate", version=6, identity=("row",)),
+    StageKind("rollouts", "dmfc.pipeline.stages_outcome:rollouts", version=1, may_fail=True),
+    StageKind("outcome", "dmfc.pipeline.stages_outcome:outcome", version=1),
+    StageKind("evaluate", "dmfc.pipeline.stages:evaluate", version=7, identity=("row",)),
 )

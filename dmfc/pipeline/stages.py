@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from dmfc.execution.evaluate import Evaluation
     from dmfc.hand.model import HandModel
     from dmfc.objects.atlas import ObjectAtlas
+    from dmfc.outcome.judge import Judge
 
 
 @with_packs
@@ -185,7 +186,29 @@ def evaluation_of(
         description=load_description(config["hand"].name),
         physics=config["physics"],
         config=config["execution"],
+        judge=_judge(config, inputs, hints, hand)
+        if config["execution"].score == "outcome"
+        else None,
     )
+
+
+def _judge(
+    config: Mapping[str, Any],
+    inputs: Mapping[str, Path | list[Path]],
+    hints: Mapping[str, str],
+    hand: HandModel,
+) -> Judge:
+    """The outcome predictor of an evaluation: a folder of the user's, or a stage."""
+    from dmfc.outcome.judge import Judge
+
+    folder = Path(hints["judge"]) if "judge" in config else inputs["judge"]
+    assert isinstance(folder, Path)
+    judge = Judge.load(folder)
+    if judge.hand != hand.name:
+        raise DmfcError(
+            f"{folder} judges the hand '{judge.hand}', not '{hand.name}' (outcome.judge)"
+        )
+    return judge
 
 
 def whole(folders: list[Path]) -> list[Path]:

@@ -94,3 +94,44 @@ def _or_unknown(value: Any) -> str:
 
 def _json(path: Path) -> dict[str, Any]:
     return json.loads(path.read_text()) if path.is_file() else {}
+
+
+def judge_card(stage: Path, measured: str = "") -> str:
+    """Markdown for the outcome predictor in the folder `stage`; says only what its files say."""
+    about = _json(stage / "outcome.json")
+    record = _json(stage / "stage.json")
+    found = about["unseen_objects"]
+    bins = found["reliability"]
+    rows = "\n".join(
+        f"| {said:.2f} | {happened:.2f} | {trials} |"
+        for said, happened, trials in zip(
+            bins["said"], bins["happened"], bins["trials"], strict=True
+        )
+    )
+    return f"""# Outcome predictor
+
+Tells how likely a grasp is to be planned, and to hold once it is planned, from the cloud and the
+hand alone: {about["features"]} numbers, {about["members"]} networks of widths {about["widths"]}.
+Hand: {about["hand"]["name"]}. Code: commit {str(record.get("commit") or "unknown")[:7]}, stage
+`{record.get("kind", "?")}/{record.get("key", "?")}`.
+
+It learned from executed predictions of its model ({found["trials"]} that were clear of the cloud,
+of {found["objects"]} objects in {found["scenes"]} scenes; {found["held_rate"]:.2f} held). On
+objects that a network of it had not seen:
+
+| | |
+|---|---|
+| AUC of held | {found["held_auc"]:.3f} |
+| the same within a scene | {found["held_auc_within"]:.3f} |
+| AUC of planned | {found["planned_auc"]:.3f} |
+| expected calibration error | {found["calibration_error"]:.3f} |
+
+| said | held | trials |
+|---|---|---|
+{rows}
+
+{measured or UNMEASURED.replace("model", "predictor")}
+
+It learned in the simulator that judges, from scenes of one object, and knows nothing of what the
+cameras did not see. Not tried on a real hand.
+"""

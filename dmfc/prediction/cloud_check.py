@@ -7,15 +7,30 @@ observed points inside it is in the way of something. What the cameras did not s
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
-import torch
-from torch import Tensor
 
 from dmfc.config.execution import ExecutionConfig
-from dmfc.geometry.box_kernel import points_in_boxes
 from dmfc.geometry.grid_atlas import GridAtlas
-from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.model import HandModel
+from dmfc.hand.pose_kernel import link_poses
+from dmfc.prediction.cloud_kernel import deepest_points, lowest_points
+
+
+@dataclass(frozen=True)
+class Depths:
+    """How deep hands [n] are in what was seen on the way that planning checks, metres.
+
+    What is beyond a tolerance is not looked at to the end: it is at least so deep.
+    """
+
+    approach: np.ndarray
+    """[n] points in the open hand, from the pre-grasp to the grasp; -1: none."""
+    grasp: np.ndarray
+    """[n] points in the closed hand at the grasp; -1: none."""
+    table: np.ndarray
+    """[n] the open or closed hand in the table; below 0: above it."""
 
 
 class CloudCheck:
@@ -23,58 +38,86 @@ class CloudCheck:
 
     def __init__(self, hand: HandModel, config: ExecutionConfig) -> None:
         self.hand, self.config = hand, config
-        self._kinematics = HandKinematics(hand)
-        self._grids = GridAtlas(hand.link_grids)
+        grids = GridAtlas(hand.link_grids)
         boxes = np.array([grid.solid_box() for grid in hand.link_grids])
-        self._lower, self._upper = boxes[:, 0], boxes[:, 1]
+        self._grids = (
+            boxes[:, 0],
+            boxes[:, 1],
+            grids.values.numpy(),
+            grids.first.numpy(),
+            grids.size.numpy(),
+            grids.origin.numpy(),
+            grids.spacing.numpy(),
+        )
 
-    def clear(self, T_world_palm: np.ndarray, joints: np.ndarray, points: np.ndarray) -> np.ndarray:
+    def clear(
+        self,
+        T_world_palm: np.ndarray,
+        joints: np.ndarray,
+        points: np.ndarray,
+        margin: float = 0.0,
+    ) -> np.ndarray:
         """[n] bool of grasps [n, 4, 4], [n, D] rad.
 
         `points` [N, 3] are seen on objects, world frame, on a table at z = 0.
 
         The open hand, from the pre-grasp to the grasp, may be `approach_tolerance` deep in the
         table, and have points that deep inside; the closed one, too, but for the points, which may
-        be `grasp_tolerance` deep, since contact stops the fingers.
+        be `grasp_tolerance` deep, since contact stops the fingers. Both less `margin`, metres.
         """
-        config, hand = self.config, self.hand
-        cloud = torch.as_tensor(points, dtype=torch.float64)
-        T_grasp = torch.as_tensor(T_world_palm, dtype=torch.float64)
-        back = T_grasp[:, :3, :3] @ torch.as_tensor(hand.palm_normal) * config.pregrasp_distance
-        joints = np.clip(joints, hand.lower, hand.upper)
-        closed = self._links(joints)
-        clear = self._is_clear(T_grasp[:, None] @ closed, cloud, config.grasp_tolerance)
-        opened = self._links(hand.opened(joints))
-        for share in np.linspace(1.0, 0.0, config.waypoints):
-            T = T_grasp.clone()
-            T[:, :3, 3] -= (1.0 - share) * back
-            clear &= self._is_clear(T[:, None] @ opened, cloud, config.approach_tolerance)
-        return clear
+        return self.passes(self.depths(T_world_palm, joints, points), margin)
 
-    def _links(self, joints: np.ndarray) -> Tensor:
-        return self._kinematics.forward(torch.as_tensor(joints, dtype=torch.float64))
-
-    def _is_clear(self, T_world_link: Tensor, cloud: Tensor, tolerance: float) -> np.ndarray:
-        """[n] of hands [n, L, 4, 4] among points [N, 3]."""
-        lowest = self._kinematics.collision_points_of_links(T_world_link)[..., 2].amin(1)
-        clear = (lowest >= -self.config.approach_tolerance).numpy()
-        grasp, link, point = self._near(T_world_link, cloud)
-        pose = T_world_link[grasp, link]
-        local = (pose[:, :3, :3].mT @ (cloud[point] - pose[:, :3, 3])[..., None])[..., 0]
-        deep = self._grids.lookup(local, link) > tolerance
-        clear[grasp[deep].numpy()] = False
-        return clear
-
-    def _near(self, T_world_link: Tensor, cloud: Tensor) -> tuple[Tensor, ...]:
-        """(grasp, link, point) of every point in the box of a link."""
-        count, links = T_world_link.shape[:2]
-        found = points_in_boxes(
-            cloud.expand(count, *cloud.shape).contiguous().numpy(),
-            T_world_link[..., :3, :3].contiguous().numpy(),
-            T_world_link[..., :3, 3].contiguous().numpy(),
-            self._lower,
-            self._upper,
-            np.zeros(len(cloud), dtype=np.int64),
-            np.zeros((links, links), dtype=bool),
+    def passes(self, depths: Depths, margin: float = 0.0) -> np.ndarray:
+        """[n] bool: no deeper than the tolerances less `margin`, metres."""
+        approach = self.config.approach_tolerance - margin
+        return (
+            (depths.table <= approach)
+            & (depths.approach <= max(approach, 0.0))
+            & (depths.grasp <= max(self.config.grasp_tolerance - margin, 0.0))
         )
-        return torch.from_numpy(found).T.unbind()
+
+    def depths(self, T_world_palm: np.ndarray, joints: np.ndarray, points: np.ndarray) -> Depths:
+        """Of grasps [n, 4, 4], [n, D] rad, among points [N, 3]; the table is at z = 0."""
+        config, hand = self.config, self.hand
+        joints = np.clip(np.asarray(joints, dtype=np.float64), hand.lower, hand.upper)
+        opened, closed = link_poses(hand, hand.opened(joints)), link_poses(hand, joints)
+        T = np.asarray(T_world_palm, dtype=np.float64)
+        retreat = config.pregrasp_distance * hand.palm_normal
+        shares = np.linspace(0.0, 1.0, config.waypoints)
+        back = retreat * shares.max()
+        table = np.maximum(self._in_table(T, opened, back), self._in_table(T, closed, 0 * back))
+        approach, grasp = np.full(len(T), -1.0), np.full(len(T), -1.0)
+        above = np.flatnonzero(table <= config.approach_tolerance)
+        self._in_hand(
+            points, T, opened, retreat, shares, config.approach_tolerance, above, approach
+        )
+        left = above[approach[above] <= config.approach_tolerance]
+        none, grasp_tolerance = np.zeros(1), config.grasp_tolerance
+        self._in_hand(points, T, closed, retreat, none, grasp_tolerance, left, grasp)
+        return Depths(approach, grasp, table)
+
+    def _in_hand(
+        self,
+        points: np.ndarray,
+        T: np.ndarray,
+        links: np.ndarray,
+        way: np.ndarray,
+        shares: np.ndarray,
+        enough: float,
+        rows: np.ndarray,
+        out: np.ndarray,
+    ) -> None:
+        """Fill out [n] at `rows` with the deepest point in the hands on their way."""
+        found = np.empty(len(rows))
+        cloud = np.ascontiguousarray(points, dtype=np.float64)
+        R, t = np.ascontiguousarray(T[rows, :3, :3]), np.ascontiguousarray(T[rows, :3, 3])
+        deepest_points(cloud, R, t, links[rows], way, shares, *self._grids, enough, found)
+        out[rows] = found
+
+    def _in_table(self, T: np.ndarray, links: np.ndarray, back: np.ndarray) -> np.ndarray:
+        """[n] how deep the hand is below z = 0, at the grasp or where it is less `back` [3]."""
+        up, lowest = np.ascontiguousarray(T[:, 2, :3]), np.empty(len(T))
+        height = T[:, 2, 3] - np.maximum(up @ back, 0.0)
+        hand = self.hand
+        lowest_points(up, height, links, hand.collision_link, hand.collision_points, lowest)
+        return -lowest

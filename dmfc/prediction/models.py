@@ -1,7 +1,9 @@
 """Models that are shipped inside the package, and how a trained stage becomes one.
 
 A model is a folder `dmfc/models/NAME` with `weights.safetensors`, `config.yaml` (both as a training
-stage leaves them) and `README.md`, its card. `dmfc/models/default.txt` names the default.
+stage leaves them) and `README.md`, its card; and, where it has an outcome predictor, with
+`outcome.safetensors`, `outcome.json` and `OUTCOME.md`, the predictor's card.
+`dmfc/models/default.txt` names the default.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ from dmfc.network.model_files import CONFIG, WEIGHTS
 
 SHIPPED = Path(__file__).resolve().parents[1] / "models"
 CARD, DEFAULT = "README.md", "default.txt"
+JUDGE_CARD = "OUTCOME.md"
 LARGEST_MB = 10
 """Larger weights do not belong in a package."""
 
@@ -26,6 +29,11 @@ def shipped_models() -> list[str]:
 def default_model() -> str:
     """Name of the model that is used where none is asked for."""
     return (SHIPPED / DEFAULT).read_text().strip()
+
+
+def shipped_folder(name: str) -> Path | None:
+    """The folder of a shipped model; None where none is called so."""
+    return SHIPPED / name if name in shipped_models() else None
 
 
 def model_folder(model: str | Path | None = None) -> Path:
@@ -63,3 +71,22 @@ def export_model(stage: Path, out: Path, default: bool = False, measured: str = 
     if default:
         write_text(out.parent / DEFAULT, f"{out.name}\n")
     return out
+
+
+def add_judge(stage: Path, model: Path, measured: str = "") -> Path:
+    """Copy the outcome predictor of a finished stage into the folder of a model; gives its card.
+
+    `measured`: what is known of rates with it, for the card. Raises DmfcError where there is none.
+    """
+    from dmfc.outcome.judge import ABOUT, Judge
+    from dmfc.outcome.judge import WEIGHTS as JUDGE
+    from dmfc.prediction.card import judge_card
+
+    Judge.load(stage)
+    if not (model / WEIGHTS).is_file():
+        raise DmfcError(f"the folder {model} holds no {WEIGHTS} (--model)")
+    card = judge_card(stage, measured)
+    for name in (JUDGE, ABOUT):
+        write_bytes(model / name, (stage / name).read_bytes())
+    write_text(model / JUDGE_CARD, card)
+    return model / JUDGE_CARD

@@ -44,6 +44,7 @@ class CloudQuery:
     table: str = "refuse"
     drop_invalid: bool = False
     check: bool = False
+    score: str = ""
 
     @property
     def direction(self) -> tuple[float, ...]:
@@ -75,7 +76,9 @@ class CloudQuery:
         cloud = self.cloud()
         # One cloud: compiling loops would take longer than doing without.
         planner = load(self.model or None, compiled=False)
-        grasps = planner(cloud.points, up=direction, table=self.table, check=self.check)
+        grasps = planner(
+            cloud.points, up=direction, table=self.table, check=self.check, score=self.score
+        )
         if not len(grasps):
             raise DmfcError(
                 "the cloud's points, or the table under the lowest of them, are in the way of "

@@ -14,8 +14,8 @@ from dmfc.execution.candidates import (
     at_random,
     from_labels,
     from_prediction,
-    select,
 )
+from dmfc.execution.selection import select
 from dmfc.hand.model import HandModel
 from dmfc.network.inference import PredictedGrasps
 from tests.support.execution_shapes import scene_of, standing
@@ -35,6 +35,10 @@ def some(count: int, seed: int = 0) -> GraspCandidates:
     )
 
 
+def chosen(candidates: GraspCandidates, config: ExecutionConfig) -> GraspCandidates:
+    return select(candidates, config).chosen
+
+
 def spread_by_hand(position: np.ndarray, count: int) -> list[int]:
     """Farthest point sampling from row 0, by its definition."""
     chosen = [0]
@@ -50,31 +54,31 @@ def test_k_are_spread_over_those_that_are_confident(seed: int) -> None:
     order = np.argsort(-candidates.confidence, kind="stable")
     order = order[candidates.confidence[order] >= CONFIG.min_confidence]
     expected = order[spread_by_hand(candidates.position[order], 4)]
-    chosen = select(candidates, CONFIG)
-    assert chosen.object_index.tolist() == expected.tolist()
-    assert chosen.object_index[0] == np.argmax(candidates.confidence)
-    assert np.array_equal(chosen.position, candidates.position[expected])
-    assert np.array_equal(chosen.joints, candidates.joints[expected])
+    found = chosen(candidates, CONFIG)
+    assert found.object_index.tolist() == expected.tolist()
+    assert found.object_index[0] == np.argmax(candidates.confidence)
+    assert np.array_equal(found.position, candidates.position[expected])
+    assert np.array_equal(found.joints, candidates.joints[expected])
 
 
 def test_the_threshold_keeps_what_is_on_it_and_drops_what_is_no_number() -> None:
     confidence = np.array([0.15, 0.1499, 0.9, np.nan, 0.0])
     candidates = dataclasses.replace(some(5), confidence=confidence)
-    assert select(candidates, CONFIG).object_index.tolist() == [2, 0]
+    assert chosen(candidates, CONFIG).object_index.tolist() == [2, 0]
 
 
 def test_no_more_than_there_are_and_none_of_none() -> None:
     three = dataclasses.replace(some(3), confidence=np.array([0.2, 0.9, 0.5]))
-    assert select(three, CONFIG).object_index.tolist() == [1, 2, 0]
+    assert chosen(three, CONFIG).object_index.tolist() == [1, 2, 0]
     unsure = dataclasses.replace(some(3), confidence=np.full(3, 0.1))
-    assert len(select(unsure, CONFIG)) == 0
-    assert len(select(some(0), CONFIG)) == 0
-    assert len(select(some(60), dataclasses.replace(CONFIG, grasps_per_scene=7))) == 7
+    assert len(chosen(unsure, CONFIG)) == 0
+    assert len(chosen(some(0), CONFIG)) == 0
+    assert len(chosen(some(60), dataclasses.replace(CONFIG, grasps_per_scene=7))) == 7
 
 
 def test_equal_confidences_keep_their_order() -> None:
     candidates = dataclasses.replace(some(4), confidence=np.full(4, 0.5))
-    assert select(candidates, CONFIG).object_index.tolist() == [0, 1, 2, 3]
+    assert chosen(candidates, CONFIG).object_index.tolist() == [0, 1, 2, 3]
 
 
 def test_labels_are_carried_into_the_world(hand: HandModel) -> None:
@@ -138,6 +142,6 @@ def test_farthest_points_are_looked_for_among_the_most_confident_alone() -> None
     line.position[:] = np.arange(20)[:, None]
     line.confidence[:] = np.linspace(1.0, 0.5, 20)
     few = dataclasses.replace(CONFIG, grasps_per_scene=2, most_confident=8)
-    assert select(line, few).position[:, 0].tolist() == [0.0, 7.0]
+    assert chosen(line, few).position[:, 0].tolist() == [0.0, 7.0]
     every = dataclasses.replace(few, most_confident=0)
-    assert select(line, every).position[:, 0].tolist() == [0.0, 19.0]
+    assert chosen(line, every).position[:, 0].tolist() == [0.0, 19.0]

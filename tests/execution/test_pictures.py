@@ -13,7 +13,8 @@ from PIL import Image
 
 from dmfc.config.execution import ExecutionConfig
 from dmfc.config.physics import PhysicsConfig
-from dmfc.execution.candidates import GraspCandidates, at_random, select
+from dmfc.execution.candidates import GraspCandidates, at_random
+from dmfc.execution.selection import select
 from dmfc.execution.trial import TrialRunner
 from dmfc.hand.mjcf import PREFIX
 from dmfc.hand.model import HandModel
@@ -68,7 +69,7 @@ def test_the_dense_picture_has_the_colours_of_its_confidences(
     hand: HandModel, proposed: GraspCandidates, tmp_path: Path
 ) -> None:
     scene, path = scene_of(0, ["block"], [standing("block")], []), tmp_path / "sub" / "dense.png"
-    executed = select(proposed, ExecutionConfig())
+    executed = select(proposed, ExecutionConfig()).chosen
     dense_picture(scene.points, proposed, executed, hand, path, "scene 0")
     left, right = np.split(imread(path)[:, :1400, :3], 2, axis=1)
     for panel in (left, right):

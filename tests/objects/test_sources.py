@@ -90,6 +90,11 @@ def test_procedural_selectors():
     ]
     assert ids("procedural:2?from=13") == ["procedural/cup-0013", "procedural/bottle-0014"]
     assert ids("procedural/cup-0013") == ["procedural/cup-0013"]
+    assert ids("procedural:2?size=large") == [
+        "procedural/box-0000-large",
+        "procedural/cup-0001-large",
+    ]
+    assert ids("procedural:1?from=13&size=large") == ids("procedural/cup-0013-large")
 
 
 def test_folder(tmp_path):
@@ -272,3 +277,12 @@ def test_families_go_round():
     names = [procedural.name_of(i).split("-")[0] for i in range(24)]
     assert names[:12] == names[12:]
     assert len(set(names)) == 12
+
+
+def test_a_large_object_is_the_same_shape_scaled_and_another_source():
+    (large,) = list_objects(["procedural/can-0005-large"])
+    (usual,) = list_objects(["procedural/can-0005"])
+    assert large.digest != usual.digest
+    scale = np.linalg.norm(large.load().vertices) / np.linalg.norm(usual.load().vertices)
+    assert 1.25 <= scale <= 1.65
+    np.testing.assert_allclose(large.load().vertices, scale * usual.load().vertices, atol=1e-9)

@@ -6,7 +6,10 @@ import pytest
 
 from dmfc.config.shipped import shipped_names
 from dmfc.errors import DmfcError
+from dmfc.pipeline.graph import GraphBuilder
+from dmfc.sweep.plan import plan_sweep
 from dmfc.sweep.sweep_file import cell_config, load_sweep
+from tests.support.fake_science import fake_refs
 
 CELL = "cells:\n  a: {model: pretrained}\n"
 A_LOT = list(range(500))
@@ -45,6 +48,8 @@ def error(tmp_path, text) -> str:
         ("cell:\n  a: {}\n" + CELL, "unknown key 'cell'; did you mean 'cells'"),
         ("cells:\n  a: {modle: random}\n", "unknown key 'modle'; did you mean 'model'"),
         ("cells:\n  a: {model: fintuned}\n", "did you mean 'finetuned'"),
+        ("cells:\n  a: {model: table1-pretraind}\n", "did you mean 'table1-pretrained'"),
+        ("cells:\n  a: {model: nowhere/model}\n", "folder nowhere/model holds no weights"),
         ("cells:\n  a: {set: {losses.weights.colision: 1}}\n", "losses.weights.collision"),
         ("cells:\n  a: {set: {losses.weights.collision: lots}}\n", "losses.weights.collision"),
         (
@@ -103,8 +108,10 @@ def test_a_sweep_that_is_not_there():
 
 def test_planner_and_random_rows_are_always_there():
     for name in shipped_names("sweeps"):
-        models = [cell.model for cell in load_sweep(name).cells]
-        assert models.count("planner") >= models.count("random") == 1
+        cells = {cell.name: cell.model for cell in load_sweep(name).cells}
+        assert {"planner", "random"} <= set(cells.values())
+        assert cells.get("random", "random") == "random"
+        assert cells.get("planner", "planner") == "planner"
 
 
 def test_table_one_is_the_papers():
@@ -165,3 +172,18 @@ def test_what_overrides_what(tmp_path):
     assert config.network.width == 16
     assert config.training.seed == config.execution.seed == 9
     assert cell_config(sweep, cell, 0, None, []).scenes.test.count == 3
+
+
+def test_a_cell_may_execute_a_trained_model_as_it_is(tmp_path):
+    from dmfc.prediction.models import model_folder
+
+    shipped = model_folder("table1-pretrained")
+    path = tmp_path / "my.yaml"
+    path.write_text(f"cells:\n  a: {{model: table1-pretrained}}\n  b: {{model: {shipped}}}\n")
+    a, b = load_sweep(str(path)).cells[:2]
+    assert a.weights == b.weights == shipped
+    plan = plan_sweep(load_sweep(str(path)), GraphBuilder(fake_refs), "smoke")
+    one, two = plan.cells[:2]
+    assert one.stages.model is None
+    assert [s.key for s in one.stages.evaluations] == [s.key for s in two.stages.evaluations]
+    assert "weights" in one.stages.evaluations[0].config

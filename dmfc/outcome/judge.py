@@ -1,0 +1,145 @@
+"""`Judge`: a trained outcome predictor, read from its files and asked about grasps."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from safetensors import SafetensorError
+from safetensors.torch import load_file, save_file
+
+from dmfc.config.closing import ClosingConfig
+from dmfc.config.outcome import OutcomeConfig
+from dmfc.errors import DmfcError
+from dmfc.hand.model import HandModel
+from dmfc.outcome import features
+from dmfc.outcome.features import FeatureMaker, SeededGrasps
+from dmfc.outcome.network import OutcomeNet
+from dmfc.outcome.report import Report
+
+WEIGHTS, ABOUT = "outcome.safetensors", "outcome.json"
+HAND = "hand."
+"""Begins the names of the arrays of the hand, so that a judge needs no hand to be built."""
+_PLAIN = "name", "dof_names", "link_names"
+_ARRAYS = (
+    "lower",
+    "upper",
+    "open_joints",
+    "flexion",
+    "parents",
+    "T_parent_link",
+    "joint_axis",
+    "joint_dof",
+    "joint_scale",
+    "palm_reference",
+    "palm_normal",
+    "inner_link",
+    "inner_points",
+    "inner_normals",
+)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What is expected of n grasps, as probabilities."""
+
+    planned: np.ndarray
+    """[n] the hand gets to the grasp without running into anything."""
+    held_if_planned: np.ndarray
+    """[n]."""
+
+    @property
+    def held(self) -> np.ndarray:
+        """[n] the object is in the hand at the end."""
+        return self.planned * self.held_if_planned
+
+
+class Judge:
+    """Tells of grasps in a cloud what will become of them when they are executed."""
+
+    def __init__(self, net: OutcomeNet, hand: HandModel) -> None:
+        self.net = net.eval()
+        self.features = FeatureMaker(hand)
+
+    @classmethod
+    def load(cls, folder: Path) -> Judge:
+        """The judge in a folder. Raises DmfcError where there is none that is still understood."""
+        try:
+            about = json.loads((folder / ABOUT).read_text())
+            tensors = load_file(folder / WEIGHTS)
+            closing = ClosingConfig(**about["closing"])
+            hand = _read_hand(about["hand"], closing, tensors)
+            net = OutcomeNet(about["features"], about["widths"], about["members"])
+            net.load_state_dict({k: v for k, v in tensors.items() if not k.startswith(HAND)})
+            version = int(about["version"])
+        except (OSError, ValueError, KeyError, TypeError, RuntimeError, SafetensorError) as error:
+            text = " ".join(str(error).split())[:200]
+            raise DmfcError(f"{folder} holds no outcome predictor: {text}") from error
+        if version != features.VERSION:
+            raise DmfcError(
+                f"{folder} judges by features of version {version}, not {features.VERSION}: "
+                "train it anew"
+            )
+        return cls(net, hand)
+
+    @property
+    def hand(self) -> str:
+        """Name of the hand whose grasps it knows."""
+        return self.features.hand.name
+
+    @torch.inference_mode()
+    def __call__(self, grasps: SeededGrasps, points: np.ndarray) -> Verdict:
+        """Of grasps among points [N, 3] seen on objects on the table z = 0."""
+        made = torch.from_numpy(self.features(grasps, points))
+        said = self.net(made).double().numpy()
+        return Verdict(said[:, 0], said[:, 1])
+
+
+def save_judge(
+    net: OutcomeNet, config: OutcomeConfig, hand: HandModel, report: Report, out: Path
+) -> None:
+    """Write a judge's files, weights and what they are, into the folder `out`."""
+    out.mkdir(parents=True, exist_ok=True)
+    state = {k: v.detach().cpu().contiguous() for k, v in net.state_dict().items()}
+    shape = {HAND + k: torch.from_numpy(np.ascontiguousarray(getattr(hand, k))) for k in _ARRAYS}
+    save_file(state | shape, out / WEIGHTS)
+    about: dict[str, Any] = {
+        "version": features.VERSION,
+        "hand": {name: getattr(hand, name) for name in _PLAIN},
+        "closing": dataclasses.asdict(hand.closing),
+        "features": len(net.mean),
+        "widths": list(config.widths),
+        "members": net.members,
+        "unseen_objects": report.to_dict(),
+    }
+    (out / ABOUT).write_text(json.dumps(about, indent=1) + "\n")
+
+
+def _read_hand(
+    about: Mapping[str, Any], closing: ClosingConfig, tensors: Mapping[str, torch.Tensor]
+) -> HandModel:
+    """What features need of the hand, without its surface and its collision geometry."""
+    none = np.zeros((0, 3))
+    values: dict[str, Any] = {name: about[name] for name in _PLAIN}
+    values |= {name: tensors[HAND + name].numpy() for name in _ARRAYS}
+    return HandModel(
+        **values,
+        closing=closing,
+        collision_link=none[:, 0].astype(np.int64),
+        collision_points=none,
+        adjacency=np.eye(len(about["link_names"]), dtype=bool),
+        link_grids=[],
+        link_vertices=[],
+        link_faces=[],
+    )
+
+
+def has_judge(folder: Path) -> bool:
+    """Whether there is a judge in a folder."""
+    return (folder / WEIGHTS).is_file()

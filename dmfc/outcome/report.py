@@ -1,0 +1,49 @@
+"""How well an outcome predictor does, on trials of objects that it did not learn from."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from dmfc.outcome.calibration import Reliability, auc, auc_within, reliability
+from dmfc.outcome.trials import Trials
+
+
+@dataclass(frozen=True)
+class Report:
+    """Of n trials that were clear of the cloud; held by the product of both probabilities."""
+
+    trials: int
+    objects: int
+    scenes: int
+    held_rate: float
+    planned_auc: float
+    held_auc: float
+    held_auc_within: float
+    """Of pairs of the same scene."""
+    calibration_error: float
+    reliability: Reliability
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON's types."""
+        return asdict(self)
+
+
+def report(planned: np.ndarray, held_if_planned: np.ndarray, trials: Trials) -> Report:
+    """Of probabilities [n], [n] that were given to trials without having seen their objects."""
+    planned, score = planned[trials.clear], (planned * held_if_planned)[trials.clear]
+    trials = trials[trials.clear]
+    found = reliability(score, trials.held)
+    return Report(
+        trials=len(trials),
+        objects=len(np.unique(trials.object.astype(str))),
+        scenes=len(np.unique(trials.scene)),
+        held_rate=float(trials.held.mean()),
+        planned_auc=auc(planned, trials.planned),
+        held_auc=auc(score, trials.held),
+        held_auc_within=auc_within(score, trials.held, trials.scene),
+        calibration_error=found.error,
+        reliability=found,
+    )
