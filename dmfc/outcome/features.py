@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from scipy.sparse import coo_matrix
@@ -145,11 +144,13 @@ class FeatureMaker:
         stop = np.empty((count, self.fingers), dtype=np.int64)
         gap = np.empty((count, inner))
         R, t = np.ascontiguousarray(grasps.rotation), np.ascontiguousarray(grasps.position)
-        args: tuple[Any, ...] = self._group, hand.inner_link, hand.inner_points
-        seen: tuple[Any, ...] = cloud.fine_cells
-        close_on_cloud(R, t, poses, *args, *seen, stop, gap)
+        group, link, points = self._group, hand.inner_link, hand.inner_points
+        seen, cell, low, starts, order = cloud.fine_cells
+        close_on_cloud(R, t, poses, group, link, points, seen, cell, low, starts, order, stop, gap)
         position, direction = np.empty((2, count, inner, 3))
-        contacts_of_closure(poses, *args, hand.inner_normals, stop, position, direction)
+        contacts_of_closure(
+            poses, group, link, points, hand.inner_normals, stop, position, direction
+        )
         touching = gap < NEAR
         touched = stop < STEPS
         return self._told(grasps, cloud, stop, touched, touching, position, direction)
