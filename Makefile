@@ -12,7 +12,7 @@ export OMP_NUM_THREADS ?= 1
 export MALLOC_MMAP_MAX_ ?= 0
 export MALLOC_TRIM_THRESHOLD_ ?= 1073741824
 
-.PHONY: install reproduce test test-all chaos bench lint format clean
+.PHONY: reference install reproduce test test-all chaos bench lint format clean
 
 install: $(STAMP)
 
@@ -28,6 +28,10 @@ $(STAMP): pyproject.toml
 reproduce: install
 	$(BIN)/dmfc sweep table1 table2 --preset $(PRESET) --store $(STORE)
 
+# Pages of docs/reference that are made from the code; a test says when they are old.
+reference: install
+	$(BIN)/python -m dmfc.cli.reference docs/reference
+
 # Everything that needs Python packages alone.
 test: install
 	$(BIN)/python -m pytest -m "not full and not chaos"
@@ -36,7 +40,8 @@ test: install
 test-all: install
 	$(BIN)/python -m pytest -m "not chaos"
 
-# Kills workers, nodes, heads and drivers under sweeps on clusters on this machine.
+# Kills workers, nodes, heads and drivers under sweeps on clusters on this machine, and cuts the link
+# between two nodes (as root, with iproute2).
 chaos: install
 	$(BIN)/python -m pytest tests/chaos
 

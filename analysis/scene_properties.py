@@ -1,6 +1,6 @@
 """Whether the objects of a scene set overlap, and whether they rest: the worst of all scenes.
 
-    python -m analysis.scene_properties --preset hour --split test
+    python -m analysis.scene_properties --preset medium --split test
 
 Overlap by trimesh's signed distance of surface points; rest in the world that trials are run in.
 """

@@ -37,6 +37,26 @@ class DmfcError(Exception):
         super().__init__(masked(text))
 
 
+class MachineError(DmfcError):
+    """A failure of the machine (network, cache, disk, memory, missing program), not of the work.
+
+    Another machine may do the same work, so nothing of it is recorded as a result.
+    """
+
+
+MACHINE_ERRORS = (MachineError, OSError, MemoryError, ImportError)
+
+
+def of_machine(error: BaseException) -> bool:
+    """Whether `error`, or what it was raised from, is a failure of the machine."""
+    cause: BaseException | None = error
+    while cause is not None:
+        if isinstance(cause, MACHINE_ERRORS):
+            return True
+        cause = cause.__cause__
+    return False
+
+
 def first_line(error: BaseException) -> str:
     """The first line of an error's text; the name of its type where it has no text."""
     lines = str(error).strip().splitlines()

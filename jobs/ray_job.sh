@@ -1,8 +1,9 @@
 #!/usr/bin/env bash
 # A sweep as a job on a Ray cluster that is already there. Every node must see STORE (a shared
-# folder) and have dmfc installed; the job may be submitted again: it goes on where it was.
+# folder) and have dmfc installed; the job may be submitted again: it goes on where it was. Asset
+# packs lie in the store (DMFC_CACHE), so that one node downloads them, and no other needs to.
 #
-#   RAY_ADDRESS=http://head:8265 STORE=/shared/dmfc jobs/ray_job.sh table1 table2 --preset paper
+#   RAY_ADDRESS=http://head:8265 STORE=/shared/dmfc jobs/ray_job.sh table1 table2 --preset full
 #
 # If the cluster has token authentication (Ray has it by default since 2.59), set RAY_AUTH_MODE=token
 # and have its token in RAY_AUTH_TOKEN or in ~/.ray/auth_token.
@@ -17,5 +18,6 @@ if (($# == 0)); then
 fi
 
 # run.ray_address=auto: the job runs inside the cluster.
-exec ray job submit --address "$RAY_ADDRESS" -- \
+environment=$(printf '{"env_vars": {"DMFC_CACHE": "%s"}}' "${DMFC_CACHE:-$STORE}")
+exec ray job submit --address "$RAY_ADDRESS" --runtime-env-json "$environment" -- \
   dmfc sweep "$@" --store "$STORE" --set run.ray_address=auto

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from dmfc.assets.packs import Pack
-from dmfc.errors import DmfcError
+from dmfc.errors import MachineError
 
 # Fragments of pip's messages (lower case) -> what they mean for the user.
 _CAUSES = (
@@ -26,7 +26,7 @@ def download(pack: Pack, folder: Path) -> Path:
     """Fetch the distribution of `pack` into `folder`; the path of the one file.
 
     pip checks the SHA-256 before anything of the file is used, and takes no dependencies.
-    Raises DmfcError when pip fails.
+    Raises MachineError when pip fails.
     """
     requirements = folder / "requirements.txt"
     requirements.write_text(f"{pack.requirement} --hash=sha256:{pack.sha256}\n", encoding="utf-8")
@@ -36,13 +36,13 @@ def download(pack: Pack, folder: Path) -> Path:
     command += [*pack.pip_options, "-r", str(requirements), "-d", str(target)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode != 0:
-        raise DmfcError(
+        raise MachineError(
             f"asset pack '{pack.name}' ({pack.requirement}) was not downloaded: "
             f"{_cause(done.stderr + done.stdout)}"
         )
     files = sorted(target.iterdir())
     if len(files) != 1:
-        raise DmfcError(f"asset pack '{pack.name}': pip left {len(files)} files instead of one")
+        raise MachineError(f"asset pack '{pack.name}': pip left {len(files)} files instead of one")
     return files[0]
 
 

@@ -11,7 +11,7 @@ from pathlib import Path, PurePosixPath
 from typing import IO
 
 from dmfc.assets.packs import Pack
-from dmfc.errors import DmfcError
+from dmfc.errors import DmfcError, MachineError
 
 MAX_BYTES = 2**30
 """An archive whose wanted folder unpacks to more is refused."""
@@ -22,7 +22,8 @@ def unpack(archive: Path, pack: Pack, folder: Path, max_bytes: int = MAX_BYTES) 
     """Write the files under `pack.subfolder` into `folder`; their relative POSIX paths, sorted.
 
     Only regular files that lie under the folder are written. Raises DmfcError on a link, an
-    absolute path or '..' among them, on more than `max_bytes` in all, and if nothing is there.
+    absolute path or '..' among them, on more than `max_bytes` in all, and if nothing is there;
+    MachineError where the archive cannot be read or the files cannot be written.
     """
     written: list[str] = []
     left = max_bytes
@@ -38,7 +39,7 @@ def unpack(archive: Path, pack: Pack, folder: Path, max_bytes: int = MAX_BYTES) 
                 raise DmfcError(f"asset pack '{pack.name}' unpacks to more than {max_bytes} bytes")
             written.append(relative.as_posix())
     except (tarfile.TarError, zipfile.BadZipFile, EOFError, OSError) as error:
-        raise DmfcError(f"asset pack '{pack.name}' was not unpacked: {error}") from error
+        raise MachineError(f"asset pack '{pack.name}' was not unpacked: {error}") from error
     if not written:
         raise DmfcError(
             f"asset pack '{pack.name}': nothing under '{pack.subfolder}' in its archive"

@@ -2,36 +2,64 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
+from dmfc.cli import complete
+from dmfc.cli.outputs import folder_to_read
+from dmfc.errors import DmfcError
 from dmfc.experiment.console import stderr
 
-if TYPE_CHECKING:
-    pass
-
 Preset = Annotated[
-    str,
+    list[str],
     typer.Option(
-        "--preset", help="Settings to start from: smoke, quick, hour, paper, or a YAML file."
+        "--preset",
+        help="Settings to start from: smoke, quick, medium, full, literal, or a YAML file. "
+        "Repeatable: the last one wins.",
+        autocompletion=complete.presets,
     ),
 ]
 Overrides = Annotated[
     list[str] | None,
     typer.Option(
-        "--set", help="key=value over the preset, for example training.seed=1. Repeatable."
+        "--set",
+        help="key=value over the preset, for example training.seed=1 (`dmfc config` lists the "
+        "keys). Repeatable.",
+        autocompletion=complete.overrides,
     ),
 ]
 Store = Annotated[
     Path,
-    typer.Option("--store", envvar="DMFC_STORE", help="Folder of finished stages and results."),
+    typer.Option(
+        "--store",
+        envvar="DMFC_STORE",
+        help="Folder of finished stages and results.",
+        callback=folder_to_read(),
+    ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Answer with JSON on standard output.")]
 
-PRESET = "quick"
+Port = Annotated[int, typer.Option(min=0, max=65535, help="Port to listen on; 0 takes a free one.")]
+
+
+def number(above: float = -math.inf, least: float = -math.inf) -> Callable[..., float | None]:
+    """A callback for an option of a finite number, more than `above` and not less than `least`."""
+
+    def check(param: typer.CallbackParam, value: float | None) -> float | None:
+        if value is not None and not (math.isfinite(value) and value > above and value >= least):
+            limit = f" above {above:g}" if above > -math.inf else ""
+            limit += f" of at least {least:g}" if least > -math.inf else ""
+            raise DmfcError(f"{param.opts[0]} {value}: a finite number{limit} is needed")
+        return value
+
+    return check
+
+
+PRESET = ["quick"]
 STORE = Path("store")
 
 

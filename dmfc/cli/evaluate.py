@@ -7,7 +7,9 @@ from typing import Annotated
 
 import typer
 
+from dmfc.cli import complete
 from dmfc.cli.common import PRESET, STORE, AsJson, Overrides, Preset, Store
+from dmfc.cli.outputs import file_to_write, folder_to_write
 from dmfc.errors import DmfcError
 from dmfc.experiment.console import answer, show_rows
 from dmfc.experiment.evaluation import (
@@ -35,7 +37,11 @@ def evaluate(
         ),
     ] = "",
     protocol: Annotated[
-        str, typer.Option(help="paper, dexgraspbench, or a YAML file; default: the preset's.")
+        str,
+        typer.Option(
+            help="default, dexgraspbench, or a YAML file; if not given: the preset's.",
+            autocompletion=complete.protocols,
+        ),
     ] = "",
     preset: Preset = PRESET,
     overrides: Overrides = None,
@@ -43,20 +49,31 @@ def evaluate(
     as_json: AsJson = False,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="Folder for the rows, the summary and the figure."),
+        typer.Option(
+            "--out",
+            "-o",
+            help="Folder for the rows, the summary and the figure.",
+            callback=folder_to_write(),
+        ),
     ] = None,
     only: Annotated[
         str, typer.Option("--only", help="scene:trial, one trial once more, with a picture.")
     ] = "",
     dense: Annotated[
         int | None,
-        typer.Option(help="A scene: a picture of all its grasps, coloured by confidence."),
+        typer.Option(help="A scene: a picture of all its grasps, coloured by confidence.", min=0),
     ] = None,
     picture: Annotated[
         Path | None,
-        typer.Option(help="PNG that --only (trial.png) or --dense (dense.png) writes."),
+        typer.Option(
+            help="PNG that --only (trial.png) or --dense (dense.png) writes.",
+            callback=file_to_write(".png"),
+        ),
     ] = None,
-    video: Annotated[Path | None, typer.Option(help="GIF that --only writes: all of it.")] = None,
+    video: Annotated[
+        Path | None,
+        typer.Option(help="GIF that --only writes: all of it.", callback=file_to_write(".gif")),
+    ] = None,
     detailed: Annotated[
         bool, typer.Option("--detailed", help="More steps in the picture of --only.")
     ] = False,
@@ -66,8 +83,14 @@ def evaluate(
         raise DmfcError("--only pictures one trial, --dense a whole scene: give one of them")
     if not only and (video or detailed or (picture and dense is None)):
         raise DmfcError("--video, --detailed and --picture are of one trial: name it by --only")
+    from dmfc.pipeline.replay import parse_trial
+
+    if out is not None and (only or dense is not None):
+        raise DmfcError("--out is for the rows of all trials: leave --only and --dense out")
     settings = [*(overrides or []), *scene_settings(scenes, protocol)]
-    session, stages = evaluated(source, preset, settings, store)
+    scene = None if dense is None else (dense, 0)
+    wanted = parse_trial(only) if only else scene
+    session, stages = evaluated(source, preset, settings, store, wanted)
     if only:
         from dmfc.pipeline.replay import Pictures, replay
 

@@ -15,10 +15,12 @@ from dmfc.cli.common import (
     Preset,
     Store,
     end_if_failed,
+    number,
     with_failures,
 )
-from dmfc.errors import DmfcError, unknown_name
-from dmfc.experiment.console import show_rows
+from dmfc.cli.outputs import folder_to_write, made
+from dmfc.errors import unknown_name
+from dmfc.experiment.console import show_rows, warn
 from dmfc.experiment.session import Session, failures, require
 
 if TYPE_CHECKING:
@@ -39,15 +41,30 @@ def grasps_import(
     format_name: Format,
     paths: Annotated[list[Path], typer.Argument(help="Files, or folders of them.")],
     object_name: Annotated[
-        str, typer.Option("--object", help="The object that they grasp, such as ycb/mug.")
+        str,
+        typer.Option(
+            "--object",
+            help="The object that they grasp, such as ycb/mug or folder:mug.obj; or several, by "
+            "whose names the files or their folders go, such as folder:meshes.",
+        ),
     ],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Grasp set to write (.parquet).")],
+    out: Annotated[
+        Path,
+        typer.Option("--out", "-o", help="Grasp set to write (.parquet); of several, a folder."),
+    ],
     hand_map: HandMapOption = "",
     scale: Annotated[
-        float | None, typer.Option(help="Size of the object, where a file has several.")
+        float | None,
+        typer.Option(
+            help="Size of the object, where a file has several.", callback=number(above=0)
+        ),
     ] = None,
     tolerance: Annotated[
-        float, typer.Option(help="rad beyond a joint's limits that is clipped, not refused.")
+        float,
+        typer.Option(
+            help="rad beyond a joint's limits that is clipped; more skips the grasp.",
+            callback=number(least=0),
+        ),
     ] = 0.01,
     verify: Annotated[
         bool, typer.Option("--verify", help="Keep only what holds in simulation, and measure it.")
@@ -57,42 +74,44 @@ def grasps_import(
     store: Store = STORE,
     as_json: AsJson = False,
 ) -> None:
-    """Read grasps of another project into a grasp set."""
-    from dmfc.grasps.exchange.convert import to_grasp_set, verified
-    from dmfc.grasps.exchange.hand_map import load_hand_map
-    from dmfc.grasps.exchange.read import FORMATS, read_foreign
-    from dmfc.hand.description import load_description
-    from dmfc.pipeline.artifacts import load_hand, load_object
+    """Read grasps of another project into grasp sets.
+
+    Of several objects, one that fails is a row with its reason, and the others are written.
+    """
+    from dmfc.experiment.grasp_import import ImportRequest, import_grasps
+    from dmfc.grasps.exchange.read import FORMATS
 
     if format_name not in FORMATS:
         raise unknown_name("format", format_name, FORMATS)
-    session = Session.open(preset, overrides, store)
-    config = session.config
-    found = session.builder.selected_objects(config, [object_name])
-    if len(found) != 1:
-        raise DmfcError(f"--object {object_name} names {len(found)} objects, expected one")
-    stages = [session.builder.hand(config), *found]
-    require(session.make(stages), stages)
-    hand_folder, object_folder = (session.ledger.folder(stage.address) for stage in stages)
-    hand, model = load_hand(hand_folder), load_object(object_folder)
-    description = load_description(config.hand.name)
-    mapped = load_hand_map(hand_map or format_name)
-    foreign = read_foreign(format_name, paths, mapped, model, scale)
-    grasps = to_grasp_set(foreign, mapped, hand, description, model, config.grasps, tolerance)
-    if verify:
-        grasps = verified(grasps, hand, description, model, config.grasps, config.physics)
-    grasps.notes.update(format=format_name, object_digest=found[0].config["digest"])
-    out.parent.mkdir(parents=True, exist_ok=True)
-    grasps.save(out)
-    row = {"object": model.id, "grasps": len(grasps), **grasps.notes, "file": str(out)}
-    show_rows("imported", [row], as_json)
+    request = ImportRequest(
+        format_name, paths, object_name, hand_map, scale, tolerance=tolerance, verify=verify
+    )
+    found = import_grasps(Session.open(preset, overrides, store), request)
+    several = len(found.sets) + len(found.failed) > 1
+    rows = {}
+    for name, grasps in found.sets.items():
+        file = out / f"{name.replace('/', '__')}.parquet" if several else out
+        grasps.save(made(file))
+        rows[name] = {"object": name, "grasps": len(grasps), **grasps.notes, "file": str(file)}
+    names, failed = [*found.sets, *found.failed], dict(found.failed)
+    shown = with_failures(names, rows, failed) if failed else list(rows.values())
+    show_rows("imported", shown, as_json)
+    if found.strangers:
+        count, first = len(found.strangers), found.strangers[0]
+        warn([f"{count} files are of no object of --object {object_name}, such as {first}"])
+    end_if_failed(failed, len(names))
 
 
 def grasps_export(
     selectors: Annotated[
         list[str], typer.Argument(help="Objects whose grasps are exported, such as ycb:test.")
     ],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for objects/ and grasps/.")],
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out", "-o", help="Folder for objects/ and grasps/.", callback=folder_to_write()
+        ),
+    ],
     hand_map: HandMapOption = "",
     preset: Preset = PRESET,
     overrides: Overrides = None,
@@ -108,6 +127,7 @@ def grasps_export(
     from dmfc.hand.description import load_description
     from dmfc.pipeline.artifacts import load_grasps, load_hand, load_object
 
+    mapped = load_hand_map(hand_map or "dexgraspbench")
     session = Session.open(preset, overrides, store)
     config, builder = session.config, session.builder
     objects = builder.selected_objects(config, selectors)
@@ -118,11 +138,10 @@ def grasps_export(
     failed = failures(outcomes, sets)
 
     def folder(stage: Stage) -> Path:
-        return session.ledger.folder(stage.address)
+        return session.ledger.verified(stage.address)
 
-    hand = load_hand(folder(hand_stage))
+    hand = load_hand(folder(hand_stage), config.closing)
     description = load_description(config.hand.name)
-    mapped = load_hand_map(hand_map or "dexgraspbench")
     rows = {}
     for obj, planned in zip(objects, sets, strict=True):
         if planned.name in failed:

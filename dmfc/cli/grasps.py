@@ -20,6 +20,7 @@ from dmfc.cli.common import (
     with_failures,
 )
 from dmfc.cli.objects import Selectors, object_stages
+from dmfc.cli.outputs import file_to_write, folder_to_write
 from dmfc.errors import DmfcError
 from dmfc.experiment.console import answer, show_rows, stderr
 from dmfc.experiment.session import Session, failures, require
@@ -46,7 +47,11 @@ def grasps_plan(
     store: Store = STORE,
     as_json: AsJson = False,
     out: Annotated[
-        Path | None, typer.Option(help="Also copy sets that have grasps into this library folder.")
+        Path | None,
+        typer.Option(
+            help="Also copy sets that have grasps into this library folder.",
+            callback=folder_to_write(),
+        ),
     ] = None,
 ) -> None:
     """Plan grasps for objects and check each in simulation.
@@ -78,7 +83,7 @@ def _copy_to_library(
             continue
         path = folder / file_name(session.config.hand.name, stage.name)
         path.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(session.ledger.folder(stage.address) / GRASPS, path)
+        shutil.copyfile(session.ledger.verified(stage.address) / GRASPS, path)
 
 
 def grasp_stages(session: Session, selectors: list[str] | None) -> list[Stage]:
@@ -91,10 +96,14 @@ def grasp_stages(session: Session, selectors: list[str] | None) -> list[Stage]:
 def grasps_stats(
     selectors: Selectors = None,
     scenes: Annotated[
-        int, typer.Option(help="Scenes made per object to match its labels in; 0: none.")
+        int, typer.Option(help="Scenes made per object to match its labels in; 0: none.", min=0)
     ] = 4,
     sheet: Annotated[
-        Path | None, typer.Option(help="Write a contact sheet of grasps here (.png; needs GL).")
+        Path | None,
+        typer.Option(
+            help="Write a contact sheet of grasps here (.png; needs GL).",
+            callback=file_to_write(".png"),
+        ),
     ] = None,
     preset: Preset = PRESET,
     overrides: Overrides = None,
@@ -144,7 +153,7 @@ def _kept_failures(session: Session, stages: Sequence[Stage]) -> dict[str, str]:
 
 def load_sets(session: Session, stages: Sequence[Stage]) -> list[GraspSet]:
     """The grasp sets that finished stages hold."""
-    return [load_grasps(session.ledger.folder(stage.address)) for stage in stages]
+    return [load_grasps(session.ledger.verified(stage.address)) for stage in stages]
 
 
 def set_rows(
@@ -187,8 +196,9 @@ def _prepared(
     outcomes = session.make([hand, *stages])
     require(outcomes, [hand])
     failed |= failures(outcomes, stages)
-    folders = [session.ledger.folder(s.address) for s in stages if s.name not in failed]
-    return load_hand(session.ledger.folder(hand.address)), dict(Objects(folders))
+    folders = [session.ledger.verified(s.address) for s in stages if s.name not in failed]
+    hand_folder = session.ledger.verified(hand.address)
+    return load_hand(hand_folder, session.config.closing), dict(Objects(folders))
 
 
 def _measure(

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import sys
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from dmfc.cli import (
     assets,
+    config,
     doctor,
     evaluate,
     exchange,
@@ -24,7 +25,10 @@ from dmfc.cli import (
 )
 from dmfc.errors import DmfcError, masked, missing_package
 from dmfc.experiment.console import stderr
-from dmfc.experiment.signals import end_as_by_ctrl_c
+from dmfc.experiment.signals import end_as_by_ctrl_c, interrupted_status
+
+USAGE_ERROR: type[Exception] = typer.BadParameter.__mro__[1]  # type: ignore[assignment]
+"""What a wrong command line raises, of which Typer exports this one child alone."""
 
 app = typer.Typer(
     name="dmfc",
@@ -34,6 +38,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command()(doctor.doctor)
+app.command()(config.config)
 app.add_typer(assets.assets, name="assets")
 app.add_typer(objects.objects, name="objects")
 grasps.grasps.command("import")(exchange.grasps_import)
@@ -83,22 +88,38 @@ def main() -> None:
         sys.argv.remove("--debug")
     end_as_by_ctrl_c()
     try:
-        app(prog_name="dmfc")
+        status = app(prog_name="dmfc", standalone_mode=False)
     except DmfcError as error:
         if debug:
             raise
         _fail(str(error))
+    except USAGE_ERROR as error:
+        _wrong_usage(error)
     except Exception as error:
         if debug:
             raise
         missing = missing_package(error) if isinstance(error, ModuleNotFoundError) else None
         if missing:
             _fail(str(missing))
-        first = (str(error).strip().splitlines() or [""])[0]
-        _fail(f"unexpected {type(error).__name__}: {first} (add --debug for the traceback)")
+        if isinstance(error.__cause__, KeyboardInterrupt):
+            stderr().print("stopped")
+            sys.exit(interrupted_status())
+        cause = error.__cause__ or error  # Typer makes an EOFError an Abort
+        first = (str(cause).strip().splitlines() or [""])[0]
+        _fail(f"unexpected {type(cause).__name__}: {first} (add --debug for the traceback)")
+    sys.exit(status if isinstance(status, int) else 0)
 
 
-def _fail(text: str) -> None:
+def _wrong_usage(error: Any) -> None:
+    """One line and status 2; the help where nothing was asked."""
+    command = error.ctx.command_path if error.ctx else "dmfc"
+    if not sys.argv[1:] or type(error).__name__ == "NoArgsIsHelpError":
+        error.show()
+        sys.exit(error.exit_code)
+    _fail(f"{error.format_message()} (see {command} --help)", error.exit_code)
+
+
+def _fail(text: str, status: int = 1) -> None:
     line = masked(" ".join(text.split()))
     stderr().print(f"error: {line}", style="red", markup=False, soft_wrap=True)
-    sys.exit(1)
+    sys.exit(status)

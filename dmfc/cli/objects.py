@@ -83,7 +83,7 @@ def objects_prepare(
     for stage in stages:
         if stage.name in failed:
             continue
-        model = load_object(session.ledger.folder(stage.address))
+        model = load_object(session.ledger.verified(stage.address))
         rows[stage.name] = {
             "object": model.id,
             "faces": len(model.faces),

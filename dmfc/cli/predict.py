@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from dmfc.cli import complete
 from dmfc.cli.common import AsJson
+from dmfc.cli.outputs import file_to_write, folder_to_write, made
 from dmfc.errors import DmfcError
 from dmfc.experiment.console import show_rows, stderr
 
@@ -19,13 +21,25 @@ if TYPE_CHECKING:
 SHOWN = 10
 """Rows of the table for people."""
 Cloud = Annotated[
-    Path, typer.Argument(help="PLY, PCD, NPY or NPZ; with --intrinsics a depth image: PNG or NPY.")
+    Path,
+    typer.Argument(
+        help="PLY, PCD, NPY, NPZ, XYZ, TXT or CSV; with --intrinsics a depth image: PNG or NPY."
+    ),
 ]
 Model = Annotated[
     str,
-    typer.Option("--model", help="A shipped model (dmfc models list), or a folder."),
+    typer.Option(
+        "--model",
+        help="A shipped model (dmfc models list), or a folder.",
+        autocompletion=complete.models,
+    ),
 ]
-Unit = Annotated[str, typer.Option(help="m, cm or mm; default: m, and mm for whole-number depth.")]
+Unit = Annotated[
+    str, typer.Option(help="m, cm, mm or inch; default: m, and mm for whole-number depth.")
+]
+DepthScale = Annotated[
+    str, typer.Option(help="Metres that 1 stands for in a depth image: 1/5000, 0.0001.")
+]
 Up = Annotated[str, typer.Option(help="x,y,z against gravity in the cloud's frame; default 0,0,1.")]
 Intrinsics = Annotated[str, typer.Option(help="fx,fy,cx,cy of the depth camera, pixels.")]
 Mask = Annotated[Path | None, typer.Option(help="Image that is not 0 at the objects.")]
@@ -34,7 +48,8 @@ Pose = Annotated[
 ]
 Table = Annotated[str, typer.Option(help="A table in the cloud: refuse, remove or keep.")]
 DropInvalid = Annotated[
-    bool, typer.Option("--drop-invalid", help="Leave points out that are NaN or infinite.")
+    bool,
+    typer.Option("--drop-invalid", help="Leave points out that are NaN, infinite or (0, 0, 0)."),
 ]
 
 Check = Annotated[
@@ -52,6 +67,7 @@ def predict(
     cloud: Cloud,
     model: Model = "",
     unit: Unit = "",
+    depth_scale: DepthScale = "",
     up: Up = "",
     intrinsics: Intrinsics = "",
     mask: Mask = None,
@@ -61,24 +77,45 @@ def predict(
     check: Check = False,
     top: Annotated[int, typer.Option(help="Only so many, the most confident; 0: all.")] = 0,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Write them as a grasp set (.parquet).")
+        Path | None,
+        typer.Option(
+            "--out",
+            "-o",
+            help="Write them as a grasp set (.parquet).",
+            callback=file_to_write(".parquet"),
+        ),
     ] = None,
-    picture: Annotated[Path | None, typer.Option(help="Write a PNG of cloud and grasps.")] = None,
+    picture: Annotated[
+        Path | None,
+        typer.Option(help="Write a PNG of cloud and grasps.", callback=file_to_write(".png")),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Grasps of the objects in a point cloud or a depth image, the most confident first."""
-    points, grasps = predicted(
-        cloud, model, unit, up, intrinsics, mask, pose, table, drop_invalid, check
-    )
     if top < 0:
         raise DmfcError(f"--top {top}: a number of grasps, or 0 for all")
+    from dmfc.prediction.query import CloudQuery
+
+    points, grasps = CloudQuery(
+        file=cloud,
+        model=model,
+        unit=unit,
+        depth_scale=depth_scale,
+        up=up,
+        intrinsics=intrinsics,
+        mask=mask,
+        pose=pose,
+        table=table,
+        drop_invalid=drop_invalid,
+        check=check,
+    ).answer()
     grasps = grasps[:top] if top else grasps
     if out is not None:
-        grasps.save(out, object_id=f"cloud/{cloud.stem}")
+        grasps.save(made(out), object_id=f"cloud/{cloud.stem}")
     if picture is not None:
         from dmfc.visualization.prediction import grasp_picture
 
-        grasp_picture(grasps, points, picture)
+        grasp_picture(grasps, points, made(picture))
     if as_json:
         typer.echo(grasps.to_json())
         return
@@ -86,84 +123,6 @@ def predict(
     for path in (out, picture):
         if path is not None:
             stderr().print(f"written: {path}", markup=False, soft_wrap=True)
-
-
-def predicted(
-    cloud: Path,
-    model: str,
-    unit: str,
-    up: str,
-    intrinsics: str,
-    mask: Path | None,
-    pose: Path | None,
-    table: str,
-    drop_invalid: bool,
-    check: bool = False,
-) -> tuple[np.ndarray, RankedGrasps]:
-    """The finite points [N, 3] of the file in metres, in the frame of the grasps; the grasps."""
-    import numpy as np
-
-    from dmfc.prediction.checks import UNITS
-    from dmfc.prediction.planner import load
-
-    points, natural = _points(cloud, intrinsics, mask)
-    unit = unit or natural
-    if pose is not None:
-        from dmfc.geometry.transforms import apply
-        from dmfc.prediction.depth_image import read_pose
-
-        T_world_camera = read_pose(pose)
-        points, unit = apply(T_world_camera, points * UNITS.get(unit, 1.0)), "m"
-    elif intrinsics and not up:
-        raise DmfcError(
-            "a depth image does not say which way is up: give its camera's pose (--pose FILE), or "
-            "the direction in the camera's frame (--up 0,-1,0 for a level camera)"
-        )
-    # One cloud: compiling loops would take longer than doing without.
-    planner = load(model or None, compiled=False)
-    grasps = planner(
-        points,
-        unit=unit,
-        up=direction(up),
-        table=table,
-        drop_invalid=drop_invalid,
-        check=check,
-    )
-    if not len(grasps):
-        raise DmfcError(
-            "the cloud's points, or the table under the lowest of them, are in the way of every "
-            "grasp: go without --check, or look whether --up and the table are right"
-        )
-    finite = points[np.isfinite(points).all(1)]
-    return finite * UNITS[unit], grasps
-
-
-def _points(cloud: Path, intrinsics: str, mask: Path | None) -> tuple[np.ndarray, str]:
-    """Points [N, 3] of the file, and the unit that they have by custom."""
-    if not intrinsics:
-        from dmfc.prediction.read_cloud import read_cloud
-
-        if mask is not None:
-            raise DmfcError("--mask belongs to a depth image: give --intrinsics fx,fy,cx,cy too")
-        return read_cloud(cloud), "m"
-    from dmfc.prediction.depth_image import Intrinsics, cloud_of_depth, depth_unit, read_image
-
-    camera = Intrinsics.parse(intrinsics)
-    depth = read_image(cloud)
-    seen = cloud_of_depth(depth, camera, None if mask is None else read_image(mask))
-    return seen, depth_unit(depth)
-
-
-def direction(text: str) -> tuple[float, ...]:
-    """'x,y,z' as numbers; upwards where there is no text."""
-    from dmfc.prediction.planner import UP
-
-    if not text:
-        return UP
-    try:
-        return tuple(float(word) for word in text.split(","))
-    except ValueError:
-        raise DmfcError(f"--up wants three numbers such as 0,0,1, not '{text}'") from None
 
 
 def _rows(grasps: RankedGrasps) -> list[dict[str, object]]:
@@ -210,7 +169,12 @@ def models_list(as_json: AsJson = False) -> None:
 @models_app.command("export")
 def models_export(
     stage: Annotated[Path, typer.Argument(help="Folder that dmfc train printed.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder to make: dmfc/models/NAME.")],
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out", "-o", help="Folder to make: dmfc/models/NAME.", callback=folder_to_write()
+        ),
+    ],
     default: Annotated[
         bool, typer.Option("--default", help="Make it the default of the models beside it.")
     ] = False,

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dmfc.cli.common import PRESET, STORE, AsJson, Overrides, Preset, Store
+from dmfc.cli.common import PRESET, STORE, AsJson, Overrides, Preset, Store, number
+from dmfc.cli.outputs import file_to_write, folder_to_write, made
+from dmfc.cli.predict import DropInvalid
 from dmfc.errors import DmfcError
 from dmfc.experiment.console import answer, show_rows
 from dmfc.experiment.scene_sets import (
@@ -24,6 +26,7 @@ from dmfc.experiment.scene_sets import (
     write_card,
 )
 from dmfc.experiment.session import Session
+from dmfc.files.foreign import reading
 
 if TYPE_CHECKING:
     from dmfc.scenes.publish.published import PublishedSet
@@ -33,7 +36,11 @@ scenes = typer.Typer(no_args_is_help=True, help="Scenes: layouts, point clouds, 
 Split = Annotated[str, typer.Option("--split", help="train or test.")]
 Out = Annotated[
     str | None,
-    typer.Option("--out", help="Also copy the set, its grasps and card to this folder or URL."),
+    typer.Option(
+        "--out",
+        help="Also copy the set, its grasps and card to this folder or URL.",
+        callback=folder_to_write(),
+    ),
 ]
 At = Annotated[
     str | None,
@@ -90,7 +97,9 @@ def scenes_show(
     number: Annotated[int, typer.Argument(help="Position in the set.", min=0)],
     split: Split = "train",
     at: At = None,
-    out: Annotated[Path, typer.Option("-o", "--out", help="PNG file.")] = Path("scene.png"),
+    out: Annotated[
+        Path, typer.Option("-o", "--out", help="PNG file.", callback=file_to_write(".png"))
+    ] = Path("scene.png"),
     preset: Preset = PRESET,
     overrides: Overrides = None,
     store: Store = STORE,
@@ -108,7 +117,7 @@ def scenes_show(
     objects = None if at else objects_of(session, split, [scene])
     views = scene_views(config.scenes, scene, objects)
     hand = hand_of(session) if found.grasps else None
-    out.parent.mkdir(parents=True, exist_ok=True)
+    made(out)
     table = config.scenes.table_size
     scene_picture(scene, out, views, found.grasps or None, hand, config.matching, 4, table)
     row = {
@@ -123,10 +132,18 @@ def scenes_show(
 
 @scenes.command("import")
 def scenes_import(
-    clouds: Annotated[list[Path], typer.Argument(help="Clouds: .npy .ply .xyz .txt .csv")],
-    out: Annotated[Path, typer.Option("-o", "--out", help="Folder of the new set.")],
+    clouds: Annotated[
+        list[Path], typer.Argument(help="Clouds: .ply .pcd .npy .npz .xyz .txt .csv")
+    ],
+    out: Annotated[
+        Path,
+        typer.Option("-o", "--out", help="Folder of the new set.", callback=folder_to_write()),
+    ],
     unit: Annotated[str, typer.Option(help="m, cm, mm or inch.")] = "m",
-    above: Annotated[float, typer.Option(help="Leave out points below this height, m.")] = -1e9,
+    above: Annotated[
+        float, typer.Option(help="Leave out points below this height, m.", callback=number())
+    ] = -1e9,
+    drop_invalid: DropInvalid = False,
     preset: Preset = PRESET,
     overrides: Overrides = None,
     as_json: AsJson = False,
@@ -138,9 +155,8 @@ def scenes_import(
     from dmfc.scenes.publish.published import publish
 
     config = load_config(preset, overrides or [])
-    out.mkdir(parents=True, exist_ok=True)
     shard = out / SCENES
-    import_clouds(clouds, shard, config.scenes, unit, above)
+    import_clouds(clouds, shard, config.scenes, unit, above, drop_invalid)
     found = publish(
         str(out), [shard], {}, [0.0, 0.0, 0.0], config.matching, copy=False, made_by=made_by()
     )
@@ -150,11 +166,16 @@ def scenes_import(
 
 @scenes.command("freeze")
 def scenes_freeze(
-    record: Annotated[Path, typer.Argument(help="File of digests, such as results/test_sets.json")],
+    record: Annotated[
+        Path,
+        typer.Argument(
+            help="File of digests, such as results/test_sets.json", callback=file_to_write()
+        ),
+    ],
     check: Annotated[bool, typer.Option("--check", help="Compare with it; 1 if they differ.")] = (
         False
     ),
-    preset: Preset = "paper",
+    preset: Preset = ["full"],  # noqa: B006
     overrides: Overrides = None,
     store: Store = STORE,
     as_json: AsJson = False,
@@ -162,6 +183,7 @@ def scenes_freeze(
     """Record the digests of the three test sets, or make them and check that they are the same.
 
     --check takes preset and settings from the file."""
+    from dmfc.files.atomic import write_json
     from dmfc.scenes.publish.digests import differing, set_digest
     from dmfc.scenes.scene_set import SceneSet
 
@@ -172,27 +194,27 @@ def scenes_freeze(
     rows, sets = [], {}
     for kind in TEST_SETTINGS:
         session = Session.open(preset, [*given, f"scenes.test.kind={kind}"], store)
-        made = SceneSet.open(shard_files(session, make_shards(session, "test")))
-        sets[kind] = set_digest(made)
-        row: dict[str, Any] = {"test set": kind, "scenes": len(made)}
+        found = SceneSet.open(shard_files(session, make_shards(session, "test")))
+        sets[kind] = set_digest(found)
+        row: dict[str, Any] = {"test set": kind, "scenes": len(found)}
         if check:
             wrong = differing(known["sets"][kind], sets[kind])
-            row |= {f"{part} that differ": len(found) for part, found in wrong.items()}
+            row |= {f"{part} that differ": len(which) for part, which in wrong.items()}
         rows.append(row)
     if not check:
         content = {"preset": preset, "set": given, **made_by(), "sets": sets}
-        record.parent.mkdir(parents=True, exist_ok=True)
-        record.write_text(json.dumps(content, indent=1) + "\n")
+        write_json(made(record), content)
     show_rows("test sets", rows, as_json)
     if any(value for row in rows for name, value in row.items() if name.endswith("differ")):
         raise typer.Exit(1)
 
 
 def _recorded(record: Path) -> dict[str, Any]:
-    try:
-        return json.loads(record.read_text())
-    except (OSError, json.JSONDecodeError) as error:
-        raise DmfcError(f"no digests of test sets in {record}: {error}") from error
+    with reading(record, "digests of test sets"):
+        found: dict[str, Any] = json.loads(record.read_text())
+    if not isinstance(found, dict) or not {"preset", "set", "sets"} <= set(found):
+        raise DmfcError(f"{record} holds no digests of test sets: preset, set, sets")
+    return found
 
 
 def _show(found: PublishedSet, as_json: bool) -> None:

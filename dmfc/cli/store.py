@@ -1,4 +1,4 @@
-"""The verbs around finished stages: list, show, verify, prune, export, import."""
+"""The verbs around finished stages: list, show, verify, repair, prune, export, import."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dmfc.cli.common import STORE, AsJson, Store
+from dmfc.cli.common import STORE, AsJson, Store, number
+from dmfc.cli.outputs import file_to_write
 from dmfc.errors import DmfcError
 from dmfc.experiment.console import answer, show_rows
 
@@ -77,13 +78,16 @@ def show(
 
 @store_app.command("verify")
 def verify(kind: Kind = None, store: Store = STORE, as_json: AsJson = False) -> None:
-    """Compare every file with the digest that was kept when its stage was finished."""
+    """Compare every file with the digest that was kept when its stage was finished.
+
+    Goes on to the end whatever is damaged; status 1 if anything is.
+    """
     from dmfc.engine.ledger import Ledger
     from dmfc.engine.store import known_kind
     from dmfc.engine.store import verify as check
 
     ledger = Ledger(store)
-    checked = list(check(ledger, ledger.addresses(known_kind(ledger, kind) if kind else "*")))
+    checked = list(check(ledger, ledger.present(known_kind(ledger, kind) if kind else "*")))
     if not checked:
         raise DmfcError(f"no finished stages in the store '{ledger.store}' (see --store)")
     bad = [{"stage": address, "wrong": "; ".join(wrong)} for address, wrong in checked if wrong]
@@ -93,8 +97,38 @@ def verify(kind: Kind = None, store: Store = STORE, as_json: AsJson = False) -> 
         if bad:
             show_rows("damaged stages", bad, as_json=False)
         typer.echo(f"{len(checked)} stages checked, {len(bad)} damaged")
+        if bad:
+            typer.echo("`dmfc store repair` sets them aside, so that they are made again")
     if bad:
         raise typer.Exit(1)
+
+
+@store_app.command("repair")
+def repair(kind: Kind = None, store: Store = STORE, as_json: AsJson = False) -> None:
+    """Set damaged stages aside (STORE/damaged), so that they are made again; say how.
+
+    What else lies in the store stays: the lines that are printed make the damaged stages alone.
+    """
+    from dmfc.engine.ledger import Ledger
+    from dmfc.engine.store import known_kind
+    from dmfc.engine.store import repair as set_aside
+    from dmfc.report.collect import sweeps_using
+
+    ledger = Ledger(store)
+    found = list(set_aside(ledger, list(ledger.present(known_kind(ledger, kind) if kind else "*"))))
+    rows = [
+        {"stage": one.address, "wrong": "; ".join(one.wrong), "now at": one.aside or "in use"}
+        for one in found
+    ]
+    lines = sweeps_using(ledger, [one.address for one in found])
+    if as_json:
+        answer({"damaged": rows, "again": lines})
+        return
+    show_rows("damaged stages", rows, as_json=False) if rows else typer.echo("nothing is damaged")
+    if found and not lines:
+        typer.echo("the line that made them makes them again")
+    for line in lines:
+        typer.echo(f"make them again with: {line}")
 
 
 @store_app.command("prune")
@@ -103,7 +137,10 @@ def prune(
         list[str] | None,
         typer.Option("--keep", help="Sweeps to keep; repeatable; default: all in the store."),
     ] = None,
-    older_than: Annotated[float, typer.Option(help="Only stages older than so many days.")] = 0.0,
+    older_than: Annotated[
+        float,
+        typer.Option(help="Only stages older than so many days.", callback=number(least=0)),
+    ] = 0.0,
     failed: Annotated[
         bool, typer.Option("--failed", help="Kept failures instead, to try them again.")
     ] = False,
@@ -129,7 +166,11 @@ def prune(
 @store_app.command("export")
 def export(
     archive: Annotated[
-        str, typer.Argument(help="File to write, .tar or .tar.gz: a path or a URL (s3://...).")
+        str,
+        typer.Argument(
+            help="File to write, .tar or .tar.gz: a path or a URL (s3://...).",
+            callback=file_to_write(),
+        ),
     ],
     sweeps: Sweeps = None,
     store: Store = STORE,

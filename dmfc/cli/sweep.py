@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from dmfc.cli import complete
 from dmfc.cli.common import PRESET, STORE, AsJson, Overrides, Preset, Store
 from dmfc.cli.dry_run import show_plans
 from dmfc.experiment.console import answer
@@ -38,7 +39,11 @@ def group() -> None:
 @sweep_app.command("run")
 def sweep(
     files: Annotated[
-        list[str], typer.Argument(help="Sweep files, or names of shipped ones such as table1.")
+        list[str],
+        typer.Argument(
+            help="Sweep files, or names of shipped ones such as table1.",
+            autocompletion=complete.sweeps,
+        ),
     ],
     preset: Preset = PRESET,
     overrides: Overrides = None,
@@ -61,7 +66,7 @@ def sweep(
 
 def _run(
     files: list[str],
-    preset: str,
+    preset: list[str],
     overrides: list[str] | None,
     store: Path,
     as_json: bool,

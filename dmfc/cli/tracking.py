@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dmfc.cli.common import STORE, AsJson, Store
+from dmfc.cli.common import STORE, AsJson, Port, Store
 from dmfc.errors import DmfcError
 from dmfc.experiment.console import show_rows, stderr
 
@@ -69,7 +68,7 @@ def sync(
 
 def ui(
     store: Store = STORE,
-    port: Annotated[int, typer.Option(help="Port on 127.0.0.1; 0 takes a free one.")] = 5000,
+    port: Port = 5000,
     open_page: Annotated[
         bool, typer.Option("--open", help="Open the latest sweep in the browser.")
     ] = False,
@@ -103,10 +102,11 @@ def ui(
 def _tracked(ledger: Ledger) -> dict[str, dict[str, str]]:
     """Where each sweep is in MLflow, the latest first."""
     from dmfc.report.collect import list_sweeps
-    from dmfc.report.page import MARKER
+    from dmfc.report.page import read_marker
 
-    paths = [ledger.store / "sweeps" / name / MARKER for name in reversed(list_sweeps(ledger))]
-    return {path.parent.name: json.loads(path.read_text()) for path in paths if path.is_file()}
+    names = reversed(list_sweeps(ledger))
+    found = {name: read_marker(ledger.store / "sweeps" / name) for name in names}
+    return {name: marker for name, marker in found.items() if marker}
 
 
 def _show_pages(there: Mapping[str, Mapping[str, str]], address: str, open_page: bool) -> None:

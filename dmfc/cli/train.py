@@ -46,7 +46,9 @@ def train(
 
 def _replay_batch(session: Session, training: Stage, file: Path, as_json: bool) -> None:
     from dmfc.pipeline.replay_batch import batch_stages, replay_batch
+    from dmfc.training.failure import read_failure
 
+    read_failure(file)  # before the stages are made that it is replayed with
     needed = batch_stages(training).values()
     session.make([s for given in needed for s in (given if isinstance(given, tuple) else (given,))])
     what, rows = replay_batch(session.ledger, training, file)

@@ -7,11 +7,25 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dmfc.cli.common import PRESET, STORE, Overrides, Preset, Store
-from dmfc.cli.predict import DropInvalid, Intrinsics, Mask, Model, Pose, Table, Unit, Up
+from dmfc.cli.common import PRESET, STORE, Overrides, Port, Preset, Store
+from dmfc.cli.outputs import file_to_write, made
+from dmfc.cli.predict import (
+    Check,
+    DepthScale,
+    DropInvalid,
+    Intrinsics,
+    Mask,
+    Model,
+    Pose,
+    Table,
+    Unit,
+    Up,
+)
 from dmfc.errors import DmfcError
 
 if TYPE_CHECKING:
+    from dmfc.config.presets import Presets
+    from dmfc.prediction.query import CloudQuery
     from dmfc.view.data import View
 
 
@@ -25,14 +39,16 @@ def view(
     ],
     model: Model = "",
     unit: Unit = "",
+    depth_scale: DepthScale = "",
     up: Up = "",
     intrinsics: Intrinsics = "",
     mask: Mask = None,
     pose: Pose = None,
     table: Table = "refuse",
     drop_invalid: DropInvalid = False,
+    check: Check = False,
     scene: Annotated[
-        int | None, typer.Option(help="A test scene, with what SOURCE proposes in it.")
+        int | None, typer.Option(help="A test scene, with what SOURCE proposes in it.", min=0)
     ] = None,
     trial: Annotated[
         str, typer.Option(help="scene:trial of the evaluation of SOURCE, to be played.")
@@ -41,48 +57,58 @@ def view(
     overrides: Overrides = None,
     store: Store = STORE,
     export: Annotated[
-        Path | None, typer.Option(help="Write the page to this file, and serve nothing.")
+        Path | None,
+        typer.Option(
+            help="Write the page to this file, and serve nothing.",
+            callback=file_to_write(".html", ".htm"),
+        ),
     ] = None,
     host: Annotated[
         str, typer.Option(help="Address to listen on; others than this let other machines see it.")
     ] = "127.0.0.1",
-    port: Annotated[int, typer.Option(help="0 takes a free one.")] = 0,
+    port: Port = 0,
     open_page: Annotated[bool, typer.Option("--open", help="Open it in the browser.")] = False,
 ) -> None:
     """Show a cloud or scene, all its grasps and their hands in the browser; play a trial."""
+    from dmfc.prediction.query import CloudQuery
     from dmfc.view.page import make_page
 
     if trial and scene is not None:
         raise DmfcError("--trial names its scene itself: leave --scene out")
+    query = CloudQuery(
+        file=Path(source),
+        model=model,
+        unit=unit,
+        depth_scale=depth_scale,
+        up=up,
+        intrinsics=intrinsics,
+        mask=mask,
+        pose=pose,
+        table=table,
+        drop_invalid=drop_invalid,
+        check=check,
+    )
     if trial or scene is not None:
+        if query != CloudQuery(file=query.file):
+            raise DmfcError("--scene and --trial show no cloud of a file: leave its options out")
         shown = _of_evaluation(source, scene, trial, preset, overrides or [], store)
     else:
-        depth = (intrinsics, mask, pose)
-        shown = _of_cloud(Path(source), model, unit, up, depth, table, drop_invalid)
+        if overrides or preset != PRESET:
+            raise DmfcError("--preset and --set belong to --scene or --trial, not to a cloud")
+        shown = _of_cloud(query)
     page = make_page(shown).encode()
     if export is None:
         _serve(page, host, port, open_page)
         return
     try:
-        export.parent.mkdir(parents=True, exist_ok=True)
-        export.write_bytes(page)
+        made(export).write_bytes(page)
     except OSError as error:
         raise DmfcError(f"{export} cannot be written: {error.strerror} (--export)") from error
     typer.echo(f"written: {export} ({len(page) / 1e6:.1f} MB)")
 
 
-def _of_cloud(
-    cloud: Path,
-    model: str,
-    unit: str,
-    up: str,
-    depth: tuple[str, Path | None, Path | None],
-    table: str,
-    drop_invalid: bool,
-) -> View:
-    from dmfc.cli.predict import direction, predicted
-
-    points, grasps = predicted(cloud, model, unit, up, *depth, table, drop_invalid)
+def _of_cloud(query: CloudQuery) -> View:
+    points, grasps = query.answer()
 
     from dmfc.config.hand import HandConfig
     from dmfc.hand.build import build_hand
@@ -90,11 +116,11 @@ def _of_cloud(
 
     # Meshes and joints are all that a picture needs of the hand: coarse grids are quick to make.
     hand = build_hand(HandConfig(name=grasps.hand, link_sdf_spacing=0.02))
-    return cloud_view(points, grasps, hand, cloud.name, direction(up))
+    return cloud_view(points, grasps, hand, query.file.name, query.direction)
 
 
 def _of_evaluation(
-    source: str, scene: int | None, trial: str, preset: str, overrides: list[str], store: Path
+    source: str, scene: int | None, trial: str, preset: Presets, overrides: list[str], store: Path
 ) -> View:
     from dmfc.experiment.evaluation import evaluated
     from dmfc.pipeline.replay import find_scene, parse_trial
@@ -104,7 +130,7 @@ def _of_evaluation(
     if trial:
         scene, which = parse_trial(trial, "--trial")
     assert scene is not None
-    session, stages = evaluated(source, preset, overrides, store)
+    session, stages = evaluated(source, preset, overrides, store, (scene, which or 0))
     option = "--trial scene:trial" if trial else "--scene"
     _, evaluation, found = find_scene(session.ledger, stages, scene, option)
     return evaluated_view(evaluation, found, which, Path(source).name)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import hashlib
 import importlib.util
 import sys
 from collections.abc import Callable
@@ -12,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from dmfc.errors import DmfcError, unknown_name
+from dmfc.files.digest import bytes_digest
 
 
 @dataclass(frozen=True)
@@ -63,4 +63,4 @@ def own_function(text: str, where: str) -> OwnFunction:
     defined = [node.name for node in tree.body if isinstance(node, ast.FunctionDef)]
     if name not in defined:
         raise DmfcError(f"{where}: {unknown_name(f'function of {file_name}', name, defined)}")
-    return OwnFunction(file, name, hashlib.sha256(content).hexdigest())
+    return OwnFunction(file, name, bytes_digest(content))

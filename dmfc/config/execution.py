@@ -11,8 +11,8 @@ from dmfc.config.setting import GREATEST_SEED, setting
 @dataclass(frozen=True)
 class ExecutionConfig:
     protocol: str = setting(
-        "paper",
-        "Settings that hold in execution alone: paper, dexgraspbench, or the path of a YAML file.",
+        "default",
+        "Settings that hold in execution alone: default, dexgraspbench, or a YAML file.",
     )
     changes: dict[str, Any] = setting(
         {},
@@ -25,7 +25,7 @@ class ExecutionConfig:
         0.15, "Predictions with less confidence are not executed.", least=0, greatest=1
     )
     most_confident: int = setting(
-        0,
+        32,
         "Number of predictions, the most confident, among which the K executed ones are spread; "
         "0: all.",
         least=0,
@@ -35,7 +35,6 @@ class ExecutionConfig:
         False,
         "Reject grasps whose hand would collide with points of the observed cloud, or reach into "
         "the table, on the approach that planning checks. The paper rejects none.",
-        later=True,
     )
     seed: int = setting(0, "Seed of the random grasps.", least=0, greatest=GREATEST_SEED)
     random_offset: float = setting(

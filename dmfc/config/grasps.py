@@ -11,7 +11,7 @@ from dmfc.config.setting import GREATEST_SEED, setting
 @dataclass(frozen=True)
 class GraspsConfig:
     source: Literal["plan", "library", "either"] = setting(
-        "plan",
+        "either",
         "Where ground-truth grasps come from. 'plan': they are planned; 'library': they are taken "
         "from the library; 'either': they are planned only for objects that the library does not "
         "have.",
@@ -20,7 +20,6 @@ class GraspsConfig:
         "",
         "Folder of the library, with files HAND/SOURCE__NAME.parquet; empty: the one that is "
         "shipped with dmfc.",
-        later=True,
     )
     per_object: int = setting(
         100, "Number of verified grasps wanted per object.", least=1, greatest=100_000

@@ -12,20 +12,6 @@ class HandConfig:
     name: str = setting(
         "shadow", "Description of the hand: a name in dmfc/hand/data, or the path of a YAML file."
     )
-    opening: float = setting(
-        0.5,
-        "How far the fingers are open before they close on an object.",
-        unit="rad",
-        least=0,
-        greatest=3,
-    )
-    squeeze: float = setting(
-        0.3,
-        "How far beyond contact the fingers are commanded; this sets the grasp force.",
-        unit="rad",
-        least=0,
-        greatest=3,
-    )
     collision_points: int = setting(
         2000,
         "Points sampled on the hand's surface for the collision loss.",

@@ -7,17 +7,17 @@ import difflib
 import typing
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache
-from pathlib import Path
 from typing import Any, TypeVar
 
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from dmfc.config.interpolation import refuse_interpolation
-from dmfc.config.plain_yaml import parse_yaml, read_yaml
+from dmfc.config.plain_yaml import parse_yaml
+from dmfc.config.presets import Presets, preset_layers
 from dmfc.config.ranges import all_types, fault
 from dmfc.config.schema import Config
-from dmfc.errors import DmfcError, unknown_name
+from dmfc.errors import DmfcError, first_line
 
 T = TypeVar("T")
 LIKE = 0.7
@@ -27,12 +27,13 @@ Overlay = tuple[str, Mapping[str, Any]]
 """Where a set of values came from (for errors), and the values, nested or with dotted keys."""
 
 
-def load_config(preset: str | None = None, overrides: Sequence[str] = ()) -> Config:
-    """The defaults, overlaid by the preset (name or YAML path), then by `key=value` overrides.
+def load_config(presets: Presets | None = None, overrides: Sequence[str] = ()) -> Config:
+    """The defaults, overlaid by each preset in order, then by `key=value` overrides.
 
-    Raises DmfcError on an unknown preset or key (naming the nearest) and on a wrong type.
+    Raises DmfcError on an unknown preset or key (naming the nearest), a wrong type, or a value
+    out of its range.
     """
-    overlays = [preset_overlay(preset)] if preset else []
+    overlays = [(str(layer.path), layer.values) for layer in preset_layers(presets)]
     return build_config([*overlays, *(parse_override(text) for text in overrides)])
 
 
@@ -102,7 +103,7 @@ def _converted(key: str, raw: Any, current: Any, where: str) -> Any:
         merged = OmegaConf.merge(holder, {"value": raw})
         value = typing.cast(dict[str, Any], OmegaConf.to_container(merged, resolve=True))["value"]
     except (OmegaConfBaseException, TypeError, ValueError, OverflowError) as error:
-        raise _one_line(error, where, key, raw) from error
+        raise _explained(error, where, key, raw) from error
     wrong = fault(key, raw, value)
     if wrong:
         raise DmfcError(f"{where}: {key} {wrong}")
@@ -116,45 +117,6 @@ def parse_override(text: str) -> Overlay:
         raise DmfcError(f"--set {text}: write it as key=value, for example training.batch_size=4")
     where = f"--set {text}"
     return where, {key.strip(): parse_yaml(value, where)}
-
-
-def preset_overlay(preset: str) -> Overlay:
-    """The overlay of a preset: a name shipped with dmfc, or the path of a YAML file."""
-    path = shipped_file("configs", preset, "preset")
-    values = read_yaml(path)
-    if not isinstance(values, Mapping):
-        raise DmfcError(f"preset '{path}' is not a mapping of settings")
-    return str(path), values
-
-
-def shipped_names(folder: str) -> list[str]:
-    """Names of the YAML files shipped in `folder` ('configs', 'sweeps' or 'protocols')."""
-    return sorted(path.stem for path in _shipped_folder(folder).glob("*.yaml"))
-
-
-def shipped_file(folder: str, name: str, what: str) -> Path:
-    """The path of a shipped YAML file by its name, or of the user's own by its path."""
-    path = Path(name)
-    if path.suffix in (".yaml", ".yml") or len(path.parts) > 1:
-        if path.is_file():
-            return path
-        shipped = _shipped_folder(folder) / path.name
-        if path.parts[:-1] == (folder,) and shipped.is_file():
-            return shipped
-        raise DmfcError(f"{what} file '{name}' does not exist")
-    shipped = _shipped_folder(folder) / f"{name}.yaml"
-    if not shipped.is_file():
-        raise unknown_name(what, name, shipped_names(folder))
-    return shipped
-
-
-def _shipped_folder(folder: str) -> Path:
-    """`folder` inside an installed wheel, or at the top of a checkout."""
-    package = Path(__file__).resolve().parents[1]
-    for candidate in (package / folder, package.parent / folder):
-        if candidate.is_dir():
-            return candidate
-    raise DmfcError(f"this installation of dmfc lacks its '{folder}' folder: install it again")
 
 
 @cache
@@ -221,10 +183,10 @@ def _assign(root: dict[str, Any], key: str, value: Any, where: str) -> None:
     root[last] = value
 
 
-def _one_line(error: Exception, where: str, key: str, raw: Any) -> DmfcError:
+def _explained(error: Exception, where: str, key: str, raw: Any) -> DmfcError:
     """OmegaConf's several lines as one, with the key and what the key wants."""
     place = str(getattr(error, "full_key", None) or "value").removeprefix("value")
-    message = str(error).splitlines()[0].rstrip(".")
+    message = first_line(error).rstrip(".")
     if typing.get_origin(all_types()[key]) is list and not isinstance(raw, list):
         message = f"wants a list such as [a, b], not {raw!r}"
     return DmfcError(f"{where}: {key}{place}: {message}")

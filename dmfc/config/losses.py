@@ -30,7 +30,7 @@ class LossWeights:
     q1_upper: float = setting(
         0.0, "w4: upper bound of the grasp quality Q1.", least=0, greatest=HEAVIEST
     )
-    confidence: float = setting(1.0, "w5: -log of the confidence.", least=0, greatest=HEAVIEST)
+    confidence: float = setting(0.2, "w5: -log of the confidence.", least=0, greatest=HEAVIEST)
     q1_lower: float = setting(
         0.0,
         "Weight of exp(-lower bound of Q1), which is not a term of the paper.",
@@ -86,10 +86,10 @@ class GraspSpace:
     """The space of position, rotation and joint angles in which chamfer measures distances."""
 
     length_unit: float = setting(
-        0.1, "Length that counts as 1 in the palm's position.", unit="m", least=1e-4, greatest=100
+        0.05, "Length that counts as 1 in the palm's position.", unit="m", least=1e-4, greatest=100
     )
     joint_weight: float = setting(
-        1.0, "Weight of the squared differences of joint angles.", least=0, greatest=HEAVIEST
+        0.25, "Weight of the squared differences of joint angles.", least=0, greatest=HEAVIEST
     )
 
 
@@ -105,7 +105,7 @@ class LengthUnits:
         greatest=100,
     )
     guidance: float = setting(
-        0.1,
+        0.3,
         "Unit of guidance, which is a sum over the inner points.",
         unit="m",
         least=1e-7,
@@ -128,5 +128,4 @@ class LossConfig:
         "Weights of custom loss terms, each a function in a file: {my_losses.py:function: 1}.",
         least=-HEAVIEST,
         greatest=HEAVIEST,
-        later=True,
     )

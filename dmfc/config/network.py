@@ -28,7 +28,7 @@ class NetworkConfig:
         greatest=10,
     )
     neighbours: list[int] = setting(
-        [32, 64, 64], "Points per ball of each set abstraction.", least=1, greatest=1024
+        [16, 32, 32], "Points per ball of each set abstraction.", least=1, greatest=1024
     )
     abstraction: list[list[int]] = setting(
         [[64, 64, 128], [128, 128, 256], [256, 256, 512]],
@@ -54,7 +54,7 @@ class NetworkConfig:
     )
 
     offset_to: Literal["origin", "grasp"] = setting(
-        "origin",
+        "grasp",
         "Point of the hand to which the predicted offset leads. 'origin': the palm's origin, at "
         "the wrist; 'grasp': the grasp centre, `offset_ahead` of the palm. An error in rotation "
         "displaces the fingers less with 'grasp'.",

@@ -12,7 +12,7 @@ class PrepareConfig:
     """What is computed once per object, from its mesh."""
 
     sdf_spacing: float = setting(
-        0.0014,
+        0.002,
         "Voxel size of the signed-distance grid. The error of trilinear interpolation is up to "
         "0.7 of it.",
         unit="m",

@@ -120,8 +120,8 @@ class AugmentationConfig(SensorConfig):
     )
     noise: float = setting(0.001, NOISE, unit="m", least=0, greatest=0.1)
     dropped: float = setting(0.05, DROPPED, least=0, greatest=0.99)
-    camera_shift: float = setting(0.001, CAMERA_SHIFT, unit="m", least=0, greatest=0.1)
-    camera_turn: float = setting(0.002, CAMERA_TURN, unit="rad", least=0, greatest=1)
+    camera_shift: float = setting(0.0, CAMERA_SHIFT, unit="m", least=0, greatest=0.1)
+    camera_turn: float = setting(0.0, CAMERA_TURN, unit="rad", least=0, greatest=1)
 
     @property
     def nothing(self) -> bool:

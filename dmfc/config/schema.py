@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from dmfc.config.closing import ClosingConfig
 from dmfc.config.execution import ExecutionConfig
 from dmfc.config.grasps import GraspsConfig
 from dmfc.config.hand import HandConfig
@@ -21,6 +22,7 @@ from dmfc.config.validation import ValidationConfig
 @dataclass(frozen=True)
 class Config:
     hand: HandConfig = setting(HandConfig, "The hand.")
+    closing: ClosingConfig = setting(ClosingConfig, "How the fingers close on an object.")
     objects: ObjectsConfig = setting(ObjectsConfig, "Objects and their preparation.")
     physics: PhysicsConfig = setting(PhysicsConfig, "Simulated physics.")
     grasps: GraspsConfig = setting(GraspsConfig, "The planner of ground-truth grasps.")

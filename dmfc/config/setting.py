@@ -6,6 +6,12 @@ import copy
 import dataclasses
 from typing import Any
 
+KEYS_VERSION = 2
+"""Version of the settings' part of stage keys. A higher one makes every stage anew.
+
+Raise it to rename a setting or to change a default, and then drop the marks `later` of settings
+that came before. 1 had the settings of the paper as defaults, and `hand.opening`.
+"""
 GREATEST_SEED = 2**31 - 1
 """What a seed may be at most."""
 
@@ -19,7 +25,7 @@ def setting(
     greatest: float | None = None,
     length: int | None = None,
     resource: bool = False,
-    later: bool = False,
+    later: int = 0,
 ) -> Any:
     """A dataclass field with `default` (copied if mutable) and a sentence of help.
 
@@ -27,9 +33,11 @@ def setting(
     a list or a mapping every number does. A list has `length` entries (None: any number).
 
     A `resource` setting says how something is computed, never what comes out (threads, devices):
-    it never enters a stage's key. One that came `later` enters it only where it is not at its
-    default, which must mean what was done before there was such a setting: old stages keep their
-    keys.
+    it never enters a stage's key. `later` is the version of keys (`KEYS_VERSION`) during which the
+    setting came. While that version lasts it enters a key only where it is not at its default,
+    which must mean what was done before there was such a setting: finished stages keep their
+    keys. The next version ends that by itself: the setting enters all keys, and its default may
+    change.
     """
     metadata = {
         "help": help,
@@ -67,4 +75,5 @@ def enters_key(field: dataclasses.Field, value: Any) -> bool:
     """Whether a stage's key depends on `field` where it has this value (see `setting`)."""
     if is_resource(field):
         return False
-    return not (field.metadata.get("later", False) and value == default_of(field))
+    still_later = field.metadata.get("later", 0) == KEYS_VERSION
+    return not (still_later and value == default_of(field))

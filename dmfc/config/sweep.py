@@ -50,6 +50,9 @@ class RunConfig:
     ray_address: str = setting(
         "", "Address of a running Ray cluster; empty: one is started on this machine."
     )
+    scales_up: bool = setting(
+        False, "Whether the cluster at ray_address starts nodes when stages wait for them."
+    )
     tracking_uri: str = setting("", "MLflow tracking URI; empty: an SQLite file in the store.")
     tracking_seconds: float = setting(
         5.0,

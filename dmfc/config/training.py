@@ -30,7 +30,8 @@ class TrainingConfig:
         StageSchedule, "Pre-training (stage 1), with chamfer and confidence alone."
     )
     finetune: StageSchedule = setting(
-        StageSchedule(epochs=20), "Fine-tuning (stage 2), with the whole task loss."
+        StageSchedule(epochs=20, learning_rate=1.5e-6),
+        "Fine-tuning (stage 2), with the whole task loss.",
     )
     hard_samples: int = setting(
         64,
@@ -44,19 +45,18 @@ class TrainingConfig:
         "times the task loss.",
     )
     hard_scope: Literal["batch", "scene"] = setting(
-        "batch", "Whether the hardest predictions are chosen in the whole batch or in each scene."
+        "scene", "Whether the hardest predictions are chosen in the whole batch or in each scene."
     )
     hard_stages: Literal["both", "finetune"] = setting(
-        "both",
+        "finetune",
         "Stages of training in which only the hardest predictions count. The paper chooses them "
         "'during training'.",
     )
     finetune_seeds: Literal["all", "labelled"] = setting(
-        "all",
+        "labelled",
         "Which seed points contribute to the loss of fine-tuning: all, or only those with a "
         "matched label. Seed points without a label have no chamfer term and therefore look "
         "better than they are.",
-        later=True,
     )
     rank_points: int = setting(
         250,
@@ -66,12 +66,12 @@ class TrainingConfig:
         greatest=100_000,
     )
     negatives: Literal["ignore", "push_down"] = setting(
-        "ignore",
+        "push_down",
         "Confidence at seed points without a label. 'ignore': not trained, as in the paper; "
         "'push_down': -log(1 - c) is added to the loss.",
     )
     max_gradient_norm: float = setting(
-        0.0,
+        1.0,
         "Larger gradients are scaled down to this norm; 0: gradients are not scaled.",
         least=0,
         greatest=1e6,

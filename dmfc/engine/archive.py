@@ -1,7 +1,7 @@
 """Finished stages and sweeps as one archive that another store takes in, verified.
 
 The archive is a tar (compressed if its name ends in .gz) that begins with `manifest.json`: the
-addresses of its stages and the digest of every file in it.
+addresses of its stages, the digest of every file in it, and how many bytes they have in all.
 """
 
 from __future__ import annotations
@@ -12,20 +12,25 @@ import shutil
 import tarfile
 import uuid
 import zlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Literal
 
 from pyarrow.fs import FileType
 
-from dmfc.engine.digest import RECORD, damage, folder_digests
 from dmfc.engine.ledger import Ledger
-from dmfc.engine.store import identity_key, verify
+from dmfc.engine.record import RECORD, faults, read_record
+from dmfc.engine.state import SEALED_VERSION
+from dmfc.engine.store import verify
+from dmfc.engine.unpack import MANIFEST, unpacked
 from dmfc.errors import DmfcError, first_line
+from dmfc.files.atomic import move, written_whole
+from dmfc.files.digest import damage, folder_digests
+from dmfc.files.sealed import read_sealed
 from dmfc.files.storage import located
 
-MANIFEST = "manifest.json"
 VERSION = 1
 COPY_BYTES = 2**22
 """Read and written at once on the way to a URL."""
@@ -114,48 +119,37 @@ def export(
     folders = [f"stages/{address}" for address in stages]
     folders += [f"sweeps/{sweep_id}" for sweep_id in sweep_ids]
     digests = {name: _digests(ledger.store / name) for name in folders}
-    manifest = json.dumps({"version": VERSION, "stages": stages, "folders": digests}, indent=1)
-    temporary = archive.with_name(f".{archive.name}.{uuid.uuid4().hex[:8]}")
+    names = [f"{folder}/{name}" for folder, files in digests.items() for name in files]
+    told = {"version": VERSION, "stages": stages, "folders": digests}
+    told["bytes"] = sum((ledger.store / name).stat().st_size for name in names)
+    manifest = json.dumps(told, indent=1).encode()
+    mode: Literal["w:gz", "w"] = "w:gz" if archive.suffix == ".gz" else "w"
     try:
-        with tarfile.open(temporary, "w:gz" if archive.suffix == ".gz" else "w") as tar:
+        with written_whole(archive) as temporary, tarfile.open(temporary, mode) as tar:
             head = tarfile.TarInfo(MANIFEST)
-            head.size = len(manifest.encode())
-            tar.addfile(head, io.BytesIO(manifest.encode()))
-            for folder, files in digests.items():
-                for name in files:
-                    tar.add(ledger.store / folder / name, f"{folder}/{name}")
-        temporary.replace(archive)
+            head.size = len(manifest)
+            tar.addfile(head, io.BytesIO(manifest))
+            for name in names:
+                tar.add(ledger.store / name, name)
     except OSError as error:
         raise DmfcError(f"'{archive}' was not written: {error}") from error
-    finally:
-        temporary.unlink(missing_ok=True)
     return len(stages)
 
 
 def take_in(ledger: Ledger, archive: Path) -> Imported:
-    """Add an archive's stages and sweeps to a store. All is checked before anything is added.
+    """Add an archive's stages and sweeps to a store: all of them, or nothing.
 
-    A stage that is here already stays as it is, and a sweep's own files too.
-    Raises DmfcError where the archive is damaged, unsafe (links, absolute paths, '..'), or of
-    something else.
+    Everything is checked before anything is added: the archive's digests, and those that its stages
+    hold. A stage that is here already stays as it is, and a sweep's own files too.
+    Raises DmfcError where the archive is damaged, unsafe (links, absolute paths, '..'), larger than
+    it says or than the disk has room for, or of something else.
     """
     ledger.prepare()
     staging = ledger.store / "work" / f"import-{uuid.uuid4().hex[:8]}"
     staging.mkdir()
     try:
-        with tarfile.open(archive) as tar:
-            # The filter refuses links out of the folder, absolute paths, '..' and devices.
-            tar.extractall(staging, filter="data")
-        stages, sweeps = _check(staging, archive)
-        added: list[str] = []
-        known: list[str] = []
-        for address in stages:
-            (added if _adopt(ledger, address, staging) else known).append(address)
-        for name in sweeps:
-            target = ledger.store / "sweeps" / name
-            if not target.exists():
-                (staging / "sweeps" / name).rename(target)
-        return Imported(added, known, sweeps)
+        stages, sweeps = _check(staging, archive, unpacked(archive, staging))
+        return _adopt(ledger, staging, stages, sweeps)
     except tarfile.ReadError as error:
         raise DmfcError(f"'{archive}' is no tar archive, or a damaged one") from error
     except (OSError, tarfile.TarError, EOFError, zlib.error) as error:
@@ -164,51 +158,64 @@ def take_in(ledger: Ledger, archive: Path) -> Imported:
         shutil.rmtree(staging, ignore_errors=True)
 
 
-def _check(staging: Path, archive: Path) -> tuple[list[str], list[str]]:
+def _check(
+    staging: Path, archive: Path, manifest: Mapping[str, Any]
+) -> tuple[list[str], list[str]]:
     """Addresses of the stages and ids of the sweeps, after comparing every file and key."""
-    try:
-        manifest = json.loads((staging / MANIFEST).read_text())
-        stages, folders = list(manifest["stages"]), dict(manifest["folders"])
-        version = manifest["version"]
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise DmfcError(f"'{archive}' is no archive of stages: no manifest ({error})") from error
-    if version != VERSION:
-        raise DmfcError(f"'{archive}' has version {version}; this dmfc reads {VERSION}")
+    if manifest.get("version") != VERSION:
+        raise DmfcError(
+            f"'{archive}' has version {manifest.get('version')}; this dmfc reads {VERSION}"
+        )
+    stages, folders = list(manifest["stages"]), dict(manifest["folders"])
     for folder, digests in folders.items():
         parts = Path(folder).parts
         if not parts or len(parts) != {"stages": 3, "sweeps": 2}.get(parts[0]) or ".." in parts:
             raise DmfcError(f"'{archive}': unexpected folder '{folder}'")
-        recorded = dict(digests)
-        own = recorded.pop(RECORD, None)
-        wrong = list(damage(staging / folder, recorded))
-        if own != _digests(staging / folder).get(RECORD):
-            wrong.append(f"{RECORD} has changed")
-        if wrong:
-            raise DmfcError(f"'{archive}' is damaged: {folder}: {wrong[0]}")
+        for name, how in damage(staging / folder, digests):
+            raise DmfcError(f"'{archive}' is damaged: {folder}/{name} {how}")
     if {f"stages/{address}" for address in stages} != {f for f in folders if f[:7] == "stages/"}:
         raise DmfcError(f"'{archive}': its manifest lists other stages than it has digests of")
     for address in stages:
-        record = json.loads((staging / "stages" / address / RECORD).read_text())
-        if f"{record['kind']}/{identity_key(record)}" != address:
-            raise DmfcError(f"'{archive}': the record of {address} is of another key")
-    return stages, [name.partition("/")[2] for name in folders if name.startswith("sweeps/")]
+        folder = staging / "stages" / address
+        if read_record(folder).get("kind") != address.partition("/")[0]:
+            raise DmfcError(f"'{archive}': the record of {address} is of another kind")
+        for name, how in faults(folder):
+            raise DmfcError(f"'{archive}': in {address} {name} {how}")
+    sweeps = [name.partition("/")[2] for name in folders if name.startswith("sweeps/")]
+    for name in sweeps:
+        plan = read_sealed(staging / "sweeps" / name / "sweep.json", SEALED_VERSION)
+        if not isinstance(plan, dict) or plan.get("id") != name:
+            raise DmfcError(f"'{archive}': the plan in sweeps/{name} is of another sweep")
+    return stages, sweeps
 
 
-def _adopt(ledger: Ledger, address: str, staging: Path) -> bool:
-    """Move one checked stage in unless it is there; whether it was moved."""
-    with ledger.lock(address):
-        if ledger.finished(address):
-            return False
-        final = ledger.folder(address)
-        final.parent.mkdir(parents=True, exist_ok=True)
-        shutil.rmtree(final, ignore_errors=True)  # it has no record: nothing finished
-        (staging / "stages" / address).rename(final)
-        return True
+def _adopt(ledger: Ledger, staging: Path, stages: list[str], sweeps: list[str]) -> Imported:
+    """Move what was checked into the store; if that fails, take out again what it brought."""
+    added: list[str] = []
+    moved: list[Path] = []
+    try:
+        for address in stages:
+            with ledger.lock(address):
+                if not ledger.finished(address):
+                    ledger.adopt(address, staging / "stages" / address)
+                    added.append(address)
+        for name in sweeps:
+            target = ledger.store / "sweeps" / name
+            if not target.exists():
+                move(staging / "sweeps" / name, target)
+                moved.append(target)
+    except BaseException:
+        for target in moved:
+            shutil.rmtree(target, ignore_errors=True)
+        for address in added:
+            with ledger.lock(address):
+                ledger.remove(address)
+        raise
+    return Imported(added, [address for address in stages if address not in added], sweeps)
 
 
 def _digests(folder: Path) -> dict[str, str]:
-    """Digests of all files of a folder, the record too."""
-    from dmfc.files.digest import file_digest
-
-    own = {RECORD: file_digest(folder / RECORD)} if (folder / RECORD).is_file() else {}
-    return own | folder_digests(folder)
+    """Digests of all files of a folder, the record first."""
+    found = folder_digests(folder)
+    own = {RECORD: found.pop(RECORD)} if RECORD in found else {}
+    return own | found

@@ -15,6 +15,7 @@ from typing import Any
 from dmfc.files.atomic import write_json
 
 ATTEMPT = "attempt.json"
+_ATTEMPT_KEYS = {"attempt", "host", "pid", "started"}
 PROGRESS_SECONDS = 0.5
 """Least time between two writes of a stage's progress."""
 
@@ -39,6 +40,11 @@ class StageContext:
     hints: Mapping[str, str] = field(default_factory=dict)
     _last_write: float = field(default=0.0, repr=False)
 
+    @property
+    def store(self) -> Path:
+        """The store that the stage lies in."""
+        return self.work.parents[1]
+
     def input(self, name: str) -> Path:
         """The folder of the single input `name`."""
         folder = self.inputs[name]
@@ -57,7 +63,8 @@ class StageContext:
         if now - self._last_write < PROGRESS_SECONDS:
             return
         self._last_write = now
-        write_json(progress_file(self.work), {"fraction": float(fraction), "message": message})
+        told = {"fraction": float(fraction), "message": message}
+        write_json(progress_file(self.work), told, durable=False)
 
 
 def progress_file(work: Path) -> Path:
@@ -68,21 +75,25 @@ def progress_file(work: Path) -> Path:
 def read_progress(work: Path) -> tuple[float, str]:
     """Fraction and message last told from this work folder; (0, '') before the first."""
     try:
-        told = json.loads(progress_file(work).read_text())
-    except (FileNotFoundError, json.JSONDecodeError):
+        told = json.loads(progress_file(work).read_bytes())
+        return float(told["fraction"]), str(told["message"])
+    except (FileNotFoundError, ValueError, KeyError, TypeError):  # none yet, or a power cut
         return 0.0, ""
-    return float(told["fraction"]), str(told["message"])
 
 
-def tell_attempt(work: Path, attempt: str, started: datetime) -> None:
-    """Say that a process has begun this stage: which attempt, where and when."""
-    told = {"attempt": attempt, "host": platform.node(), "pid": os.getpid()}
-    write_json(work / ATTEMPT, {**told, "started": started.timestamp()})
+def tell_attempt(work: Path, attempt: str, started: datetime, node: str = "") -> None:
+    """Say that a process has begun this stage: which attempt, where (Ray's id too) and when."""
+    told = {"attempt": attempt, "host": platform.node(), "pid": os.getpid(), "node": node}
+    write_json(work / ATTEMPT, {**told, "started": started.timestamp()}, durable=False)
 
 
 def read_attempt(work: Path) -> dict[str, Any]:
-    """What was last told by `tell_attempt`; empty if no process has begun this stage."""
+    """What was last told by `tell_attempt`; empty if no process has begun this stage.
+
+    Empty too where the file is damaged: whoever wrote it is gone since.
+    """
     try:
-        return json.loads((work / ATTEMPT).read_text())
-    except FileNotFoundError:
+        told = json.loads((work / ATTEMPT).read_bytes())
+    except (FileNotFoundError, ValueError):
         return {}
+    return told if isinstance(told, dict) and told.keys() >= _ATTEMPT_KEYS else {}

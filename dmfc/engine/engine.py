@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import heapq
 import time
+import uuid
 from collections.abc import Iterable, Sequence
 from typing import Protocol
 
@@ -12,12 +13,17 @@ from dmfc.config.sweep import StageLimits
 from dmfc.engine.context import read_attempt
 from dmfc.engine.kinds import Registry, kind_of
 from dmfc.engine.ledger import Ledger
+from dmfc.engine.lookout import Lookout
 from dmfc.engine.pools import LocalPool, Pool, RayPool
 from dmfc.engine.provenance import git_commit
+from dmfc.engine.retries import Retries
 from dmfc.engine.stage import Stage, closure
-from dmfc.engine.worker import Job, Outcome, give_up
+from dmfc.engine.worker import Job, Outcome, crash_in, give_up
+from dmfc.files.sealed import DamagedError
 
 POLL_SECONDS = 0.5
+SCALING_QUEUE = 64
+"""Stages submitted at once to a cluster that starts nodes for what waits."""
 
 
 class Watcher(Protocol):
@@ -28,6 +34,9 @@ class Watcher(Protocol):
 
     def finished(self, stage: Stage, outcome: Outcome) -> None:
         """One stage came to its end."""
+
+    def note(self, text: str) -> None:
+        """Something that a person should know of: what is waited for, a node that is left out."""
 
     def tick(self, running: Sequence[Job]) -> None:
         """Called about twice a second with the jobs submitted."""
@@ -64,9 +73,12 @@ def run_stages(
     if not needed:
         return outcomes
     ledger.prepare()
-    # A time limit is kept by ending the process of a stage, which must not be this one.
-    local = local and not any(_limits(stage, config, kinds).seconds for stage in needed.values())
-    pool: Pool = LocalPool(config.run) if local else RayPool(config.run)
+    # A time limit is kept by ending the process of a stage, which must not be this one; and GPUs
+    # are granted by Ray.
+    limits = [_limits(stage, config, kinds) for stage in needed.values()]
+    local = local and not any(limit.seconds or limit.gpus for limit in limits)
+    note = watcher.note if watcher else lambda text: None
+    pool: Pool = LocalPool(config.run, note) if local else RayPool(config.run)
     return _Drive(needed, ledger, config, pool, kinds, watcher, outcomes).run()
 
 
@@ -88,7 +100,10 @@ def unfinished(targets: Iterable[Stage], ledger: Ledger) -> dict[str, Stage]:
 
 def _known(stage: Stage, ledger: Ledger, kinds: Registry) -> Outcome:
     """The outcome of a stage that the ledger holds."""
-    failure = ledger.failure(stage.address) if kind_of(stage.kind, kinds).may_fail else None
+    try:
+        failure = ledger.failure(stage.address) if kind_of(stage.kind, kinds).may_fail else None
+    except DamagedError as error:
+        return Outcome("failed", str(error))
     return Outcome("done") if failure is None else Outcome("failed", failure, kept=True)
 
 
@@ -123,19 +138,23 @@ class _Drive:
         self.ready = [self._entry(a) for a, parents in self.waiting_for.items() if not parents]
         heapq.heapify(self.ready)
         self.running: dict[str, Job] = {}
-        self.attempts: dict[str, int] = {}
+        self.lookout = Lookout(ledger, config.run.scales_up, self._note)
+        self.retries = Retries(pool, ledger, self.lookout, self._note)
+        self.sign = f"locks/driver-{uuid.uuid4().hex}.sign"
         self.commit = git_commit()
 
     def run(self) -> Outcomes:
         if self.watcher:
             self.watcher.begin(list(self.needed.values()), self.pool.cpus)
         abandon = True
+        (self.ledger.store / self.sign).touch()
         try:
             while self.ready or self.running:
                 self._submit()
                 for job, outcome in self.pool.wait(POLL_SECONDS):
                     self._settle(job, outcome)
                 self._stop_overdue()
+                self._settle_what_ray_does_not()
                 if self.watcher:
                     self.watcher.tick(list(self.running.values()))
             abandon = False
@@ -146,14 +165,20 @@ class _Drive:
             if self.watcher:
                 self.watcher.end()
             self.pool.close(abandon)
+            (self.ledger.store / self.sign).unlink(missing_ok=True)
         return self.outcomes
+
+    def _note(self, text: str) -> None:
+        if self.watcher:
+            self.watcher.note(text)
 
     def _entry(self, address: str) -> tuple[tuple[int, int], str]:
         return self.rank[address], address
 
     def _submit(self) -> None:
         # A short queue: what is submitted can no longer be overtaken by something more urgent.
-        while self.ready and len(self.running) < 2 * self.pool.cpus:
+        most = max(2 * self.pool.cpus, SCALING_QUEUE if self.config.run.scales_up else 0)
+        while self.ready and len(self.running) < most:
             _, address = heapq.heappop(self.ready)
             job = self._job(self.needed[address])
             self.running[address] = job
@@ -161,14 +186,11 @@ class _Drive:
 
     def _settle(self, job: Job, outcome: Outcome) -> None:
         del self.running[job.address]
-        if outcome.status == "died":
-            tries = self.attempts[job.address] = self.attempts.get(job.address, 0) + 1
-            stage = self.needed[job.address]
-            if tries <= _limits(stage, self.config, self.kinds).retries:
-                heapq.heappush(self.ready, self._entry(job.address))
-                return
-            reason = f"{outcome.reason}; {tries} attempts (run.retries)"
-            outcome = self._failed(job, reason)
+        limits = _limits(self.needed[job.address], self.config, self.kinds)
+        if self.retries.again(job, outcome, limits.retries):
+            heapq.heappush(self.ready, self._entry(job.address))
+            return
+        outcome = self._final(job, outcome)
         self._finish(job.address, outcome)
         for user in self.users[job.address]:
             if outcome.ok or outcome.kept:
@@ -177,6 +199,23 @@ class _Drive:
                     heapq.heappush(self.ready, self._entry(user))
             else:
                 self._block(user, f"needs {self.needed[job.address].name}: {outcome.reason}")
+
+    def _final(self, job: Job, outcome: Outcome) -> Outcome:
+        """The outcome of a stage that is not tried again."""
+        if outcome.status not in ("died", "machine", "unmet"):
+            return outcome
+        reason = self.retries.reason(job, outcome)
+        crash = crash_in(self.ledger.work(job.address)) if outcome.status == "died" else ""
+        # A process that was killed, or died with its machine, says nothing about the stage.
+        return self._failed(job, f"{crash}: {reason}") if crash else Outcome("failed", reason)
+
+    def _settle_what_ray_does_not(self) -> None:
+        """Settle the jobs that are over, or never begin, though Ray does not say so."""
+        if isinstance(self.pool, LocalPool):
+            return
+        for job, outcome in self.lookout.look(list(self.running.values()), self.pool.nodes()):
+            self.pool.cancel(job)
+            self._settle(job, outcome)
 
     def _stop_overdue(self) -> None:
         """End the stages that have taken longer than their limit."""
@@ -208,7 +247,9 @@ class _Drive:
     def _job(self, stage: Stage) -> Job:
         kind = kind_of(stage.kind, self.kinds)
         limits = kind.limits(self.config)
-        return Job(
+        largest = int(max((node.cpus for node in self.pool.nodes()), default=self.pool.cpus))
+        cpus = limits.cpus if self.config.run.scales_up else min(limits.cpus, max(1, largest))
+        job = Job(
             store=str(self.ledger.store),
             kind=stage.kind,
             name=stage.name,
@@ -217,7 +258,7 @@ class _Drive:
             entry=kind.entry,
             config=dict(stage.config),
             input_keys=stage.input_keys,
-            cpus=min(limits.cpus, self.pool.cpus),
+            cpus=cpus,
             gpus=limits.gpus,
             memory_gb=limits.memory_gb,
             seconds=limits.seconds,
@@ -225,7 +266,9 @@ class _Drive:
             system_seconds=self.config.run.system_seconds,
             commit=self.commit,
             hints=dict(stage.hints),
+            sign=self.sign,
         )
+        return self.retries.placed(job)
 
 
 def _ranks(needed: dict[str, Stage], users: dict[str, list[str]]) -> dict[str, tuple[int, int]]:

@@ -6,9 +6,15 @@ import math
 import sys
 import time
 from collections import deque
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any, Protocol
 
 from dmfc.config.sweep import RunConfig
+from dmfc.engine.context import read_attempt
+from dmfc.engine.ledger import Ledger
+from dmfc.engine.lookout import held_by
+from dmfc.engine.nodes import Node
 from dmfc.engine.ray_cluster import Head, head_address, leave_ray_behind, start_ray, usable_cpus
 from dmfc.engine.worker import Job, Outcome, execute
 from dmfc.errors import first_line
@@ -17,8 +23,10 @@ NODE_DEATHS = ("LocalRayletDiedError", "NodeDiedError", "RaySystemError")
 """Errors of Ray after which the cluster of one node that we started is gone."""
 DRIVER_NODE_DEATHS = ("LocalRayletDiedError", "RaySystemError")
 """Errors of Ray after which this process must connect to its cluster anew."""
-CAPACITY_SECONDS = 5.0
+CAPACITY_SECONDS = 2.0
 """Time between two looks at how large the cluster is: nodes come and go."""
+NODE_LABEL = "ray.io/node-id"
+"""Ray's label of a node with its id."""
 
 
 class Pool(Protocol):
@@ -27,6 +35,9 @@ class Pool(Protocol):
     @property
     def cpus(self) -> int:
         """CPUs that jobs can have in all."""
+
+    def nodes(self) -> Sequence[Node]:
+        """The living nodes of the cluster; none where jobs run in this process."""
 
     def submit(self, job: Job) -> None:
         """Queue one job."""
@@ -44,9 +55,14 @@ class Pool(Protocol):
 class LocalPool:
     """Runs each job in this process, at the moment somebody waits for it."""
 
-    def __init__(self, run: RunConfig) -> None:
+    def __init__(self, run: RunConfig, note: Callable[[str], None] = lambda text: None) -> None:
+        """`note` is told which process a job waits for."""
         self.cpus = usable_cpus(run)
+        self._note = note
         self._queue: deque[Job] = deque()
+
+    def nodes(self) -> Sequence[Node]:
+        return ()
 
     def submit(self, job: Job) -> None:
         self._queue.append(job)
@@ -55,7 +71,11 @@ class LocalPool:
         if not self._queue:
             return []
         job = self._queue.popleft()
-        return [(job, execute(job))]
+
+        def waits() -> None:
+            self._note(held_by(job, read_attempt(Ledger(Path(job.store)).work(job.address))))
+
+        return [(job, execute(job, waits=waits))]
 
     def cancel(self, job: Job) -> None:
         self._queue.remove(job)  # what has begun here has also ended
@@ -76,18 +96,26 @@ class RayPool:
 
         self._ray, self._run = ray, run
         self._head = Head(head_address())
-        self._cpus, self._looked = 1, -math.inf
-        self._task = ray.remote(execute)
+        self._nodes: Sequence[Node] = ()
+        self._looked = -math.inf
+        self._task = ray.remote(_execute_here)
         self._running: dict[Any, Job] = {}
         self._lost: list[Job] = []
 
     @property
     def cpus(self) -> int:
         """CPUs of the cluster as it is now."""
+        return max(1, int(sum(node.cpus for node in self.nodes())))
+
+    def nodes(self) -> Sequence[Node]:
         if time.monotonic() - self._looked > CAPACITY_SECONDS and self._head.answers:
             self._looked = time.monotonic()
-            self._cpus = max(1, int(self._ray.cluster_resources().get("CPU", 1)))
-        return self._cpus
+            # A client of Ray is outside the cluster and cannot ask the nodes themselves.
+            outside = self._run.ray_address.startswith("ray://")
+            self._nodes = [
+                _node(entry, outside) for entry in self._ray.nodes() if entry.get("Alive")
+            ]
+        return self._nodes
 
     def submit(self, job: Job) -> None:
         if self._broken and self._owns:
@@ -99,6 +127,7 @@ class RayPool:
             num_gpus=job.gpus,
             memory=int(job.memory_gb * 2**30) or None,
             max_retries=0,
+            label_selector={NODE_LABEL: f"!in({','.join(job.avoid)})"} if job.avoid else None,
         )
         self._running[task.remote(job)] = job
 
@@ -149,6 +178,27 @@ class RayPool:
             deaths = DRIVER_NODE_DEATHS if self._run.ray_address else NODE_DEATHS
             self._broken = self._broken or type(error).__name__ in deaths
             return Outcome("died", reason=f"its worker died ({type(error).__name__}: {reason})")
+
+
+def _execute_here(job: Job) -> Outcome:
+    """The task of Ray: the job, on this node."""
+    import ray
+
+    return execute(job, ray.get_runtime_context().get_node_id())
+
+
+def _node(entry: dict[str, Any], outside: bool) -> Node:
+    """A node as `ray.nodes()` lists it."""
+    given = entry["Resources"]
+    return Node(
+        id=entry["NodeID"],
+        host=entry["NodeManagerHostname"],
+        address=entry["NodeManagerAddress"],
+        port=0 if outside else entry["NodeManagerPort"],
+        cpus=given.get("CPU", 0.0),
+        gpus=given.get("GPU", 0.0),
+        memory_gb=given.get("memory", 0.0) / 2**30,
+    )
 
 
 def _connected() -> bool:

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
-import json
+import logging
 import os
 import platform
 import subprocess
 import sys
 import time
+from functools import cache
 from importlib.metadata import distributions
 from pathlib import Path
 from typing import Any
 
 from dmfc.errors import masked
-from dmfc.files.atomic import write_json
+from dmfc.files.atomic import write_bytes
+from dmfc.files.digest import file_digest
+from dmfc.files.sealed import read_or_replace, write_sealed
 
+_LOG = logging.getLogger(__name__)
+SEALED_VERSION = 2
+"""Earlier files are a bare list of calls."""
 PROVENANCE = "provenance.json"
 VECTOR_FLAGS = ("avx", "amx", "sve")
 """Beginnings of the processor's flags by which floating point results can differ."""
@@ -31,21 +37,36 @@ def add_provenance(folder: Path) -> None:
         "host": platform.node(),
         "python": platform.python_version(),
         "commit": git_commit(),
-        "packages": dict(sorted((item.name, item.version) for item in distributions())),
+        "packages": dict(_packages()),
         **_processor(),
     }
     diff = _git("diff", "HEAD")
     if diff:
         name = f"dirty-{len(calls)}.diff"
-        (folder / name).write_bytes(diff.encode()[:DIFF_BYTES])
-        call["diff"] = name
-    write_json(folder / PROVENANCE, [*calls, call])
+        write_bytes(folder / name, diff.encode()[:DIFF_BYTES])
+        call |= {"diff": name, "diff_sha256": file_digest(folder / name)}
+    write_sealed(folder / PROVENANCE, SEALED_VERSION, {"calls": [*calls, call]})
 
 
 def read_provenance(folder: Path) -> list[dict[str, Any]]:
-    """The calls that ran stages of the sweep, the latest last."""
-    path = folder / PROVENANCE
-    return json.loads(path.read_text()) if path.is_file() else []
+    """The calls that ran stages of the sweep, the latest last.
+
+    A damaged file is set aside, with a warning: what came before is then not known here.
+    """
+    told = read_or_replace(folder / PROVENANCE, SEALED_VERSION) or []
+    calls = told["calls"] if isinstance(told, dict) else told
+    for call in calls:
+        path = folder / call.get("diff", "")
+        known = call.get("diff_sha256")
+        if known and not (path.is_file() and file_digest(path) == known):
+            _LOG.warning("'%s' is not what was written: do not trust it", path)
+    return calls
+
+
+@cache
+def _packages() -> tuple[tuple[str, str], ...]:
+    """Names and versions of what is installed; reading them takes a second or two."""
+    return tuple(sorted((item.name, item.version) for item in distributions()))
 
 
 def git_commit() -> str:

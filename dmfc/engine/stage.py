@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import json
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -11,7 +10,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from dmfc.config.setting import enters_key
+from dmfc.config.setting import KEYS_VERSION, enters_key
+from dmfc.files.digest import text_digest
 
 KEY_LENGTH = 32
 """Hexadecimal digits of a key: 128 bits of its SHA-256."""
@@ -80,9 +80,15 @@ def closure(targets: Iterable[Stage]) -> list[Stage]:
 
 def key_of(kind: str, version: int, config: Any, inputs: Any) -> str:
     """The hash of what makes a stage what it is, from `plain` settings and its inputs' keys."""
-    identity = {"kind": kind, "version": version, "config": config, "inputs": inputs}
+    identity = {
+        "keys": KEYS_VERSION,
+        "kind": kind,
+        "version": version,
+        "config": config,
+        "inputs": inputs,
+    }
     text = json.dumps(identity, sort_keys=True, separators=(",", ":"), allow_nan=False)
-    return hashlib.sha256(text.encode()).hexdigest()[:KEY_LENGTH]
+    return text_digest(text)[:KEY_LENGTH]
 
 
 def plain(value: Any) -> Any:

@@ -20,8 +20,11 @@ from filelock import FileLock
 
 from dmfc.files.atomic import write_json
 from dmfc.files.locks import is_held
+from dmfc.files.sealed import read_or_replace, write_sealed
 
 STATE = "state.json"
+SEALED_VERSION = 2
+"""Version of state, plan and marks of a sweep since which they hold their own digest."""
 Status = Literal["UNSTARTED", "RUNNING", "FINISHED", "FAILED", "KILLED"]
 
 
@@ -37,9 +40,8 @@ class SweepState:
 
 
 def read_state(folder: Path) -> SweepState:
-    """How the sweep of that folder stands now."""
-    path = folder / STATE
-    told = json.loads(path.read_text()) if path.is_file() else {}
+    """How the sweep of that folder stands now. A damaged state is warned of and forgotten."""
+    told = read_or_replace(folder / STATE, SEALED_VERSION) or {}
     living, dead = _drivers(folder)
     status: Status = told.get("status", "UNSTARTED")
     if living:
@@ -54,7 +56,7 @@ def write_state(folder: Path, status: Status, failures: Mapping[str, str]) -> No
     """Say how the sweep stands, as this driver sees it."""
     started = read_state(folder).started or time.time()
     told = {"status": status, "failures": dict(failures), "started": started}
-    write_json(folder / STATE, told)
+    write_sealed(folder / STATE, SEALED_VERSION, told)
 
 
 @contextmanager
@@ -66,7 +68,8 @@ def driving(folders: Sequence[Path]) -> Iterator[None]:
             marks.mkdir(parents=True, exist_ok=True)
             name = f"{platform.node()}-{os.getpid()}-{uuid.uuid4().hex[:8]}"
             lock = stack.enter_context(FileLock(marks / f"{name}.lock"))
-            write_json(marks / f"{name}.json", {"host": platform.node(), "pid": os.getpid()})
+            mark = {"host": platform.node(), "pid": os.getpid()}
+            write_json(marks / f"{name}.json", mark, durable=False)  # of this life alone
             stack.callback(Path(lock.lock_file).unlink, missing_ok=True)
             stack.callback((marks / f"{name}.json").unlink, missing_ok=True)
             for path in _dead(marks):
@@ -84,7 +87,7 @@ def _drivers(folder: Path) -> tuple[list[dict], list[Path]]:
         if path not in dead:
             try:
                 living.append(json.loads(path.read_text()))
-            except FileNotFoundError:  # it ended just now
+            except (FileNotFoundError, ValueError):  # it ended just now, or is damaged
                 continue
     return living, dead
 

@@ -8,14 +8,13 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Any
 
 from filelock import FileLock, Timeout
 
-from dmfc.engine.digest import damage
 from dmfc.engine.ledger import Ledger
-from dmfc.engine.stage import key_of
+from dmfc.engine.record import RECORD, faults
 from dmfc.errors import DmfcError, unknown_name
+from dmfc.files.sealed import DamagedError
 
 DAY = 86400.0
 
@@ -43,13 +42,13 @@ def entries(ledger: Ledger, kind: str = "*") -> Iterator[Entry]:
             size,
             float(record["seconds"]),
             str(record["started"]),
-            ledger.failure(address),
+            _failure(ledger, address),
         )
 
 
 def known_kind(ledger: Ledger, kind: str) -> str:
-    """`kind`, if the store has finished stages of it. Raises DmfcError naming the nearest."""
-    kinds = {address.partition("/")[0] for address in ledger.addresses()}
+    """`kind`, if the store has stages of it. Raises DmfcError naming the nearest."""
+    kinds = {address.partition("/")[0] for address in ledger.present()}
     if kind not in kinds:
         raise unknown_name("kind of stage", kind, kinds)
     return kind
@@ -70,34 +69,65 @@ def find(ledger: Ledger, text: str) -> str:
 
 
 def verify(ledger: Ledger, addresses: Iterable[str]) -> Iterator[tuple[str, list[str]]]:
-    """Each stage with what is wrong with it: files against digests, the key against its record."""
+    """Each stage with what is wrong with it: files against digests, the key against its record.
+
+    Goes on whatever it finds; a stage that cannot be read is wrong too.
+    """
     for address in addresses:
-        record = ledger.record(address)
-        if "files" not in record:
-            yield address, ["it was made before digests were kept"]
-            continue
-        wrong = list(damage(ledger.folder(address), record["files"]))
-        if identity_key(record) != address.partition("/")[2]:
-            wrong.insert(0, "its record is of another key")
+        folder = ledger.folder(address)
+        try:
+            wrong = [" ".join(item) for item in faults(folder)]
+            if "files" not in ledger.record(address):
+                wrong = ["it was made before digests were kept"]
+        except DmfcError as error:
+            wrong = [str(error)]
+        except OSError as error:
+            wrong = [f"it cannot be read: {error.strerror or error}"]
         yield address, wrong
 
 
-def forget_damaged(ledger: Ledger, addresses: Iterable[str]) -> Iterator[tuple[str, list[str]]]:
-    """Remove finished stages whose files are not what was recorded, so that they are made again;
-    each with what is wrong with it."""
+@dataclass(frozen=True)
+class Repaired:
+    """A damaged stage: what was wrong, and where it lies now; None: a living process holds it."""
+
+    address: str
+    wrong: list[str]
+    aside: str | None
+
+
+def repair(ledger: Ledger, addresses: Iterable[str]) -> Iterator[Repaired]:
+    """Set damaged stages aside, so that whatever needs them makes them again."""
     for address in addresses:
-        with ledger.lock(address):
-            if not ledger.finished(address):
-                continue
-            wrong = list(damage(ledger.folder(address), ledger.record(address).get("files", {})))
-            if wrong and "files" in ledger.record(address):
-                ledger.remove(address)
-                yield address, wrong
+        with _free(ledger.lock(address)) as free:
+            wrong = _repairable(ledger, address)
+            if wrong:
+                aside = str(ledger.set_aside(address)) if free else None
+                yield Repaired(address, wrong, aside)
 
 
-def identity_key(record: dict[str, Any]) -> str:
-    """The key that a record's kind, code version, settings and inputs hash to."""
-    return key_of(record["kind"], record["stage_version"], record["config"], record["inputs"])
+def _repairable(ledger: Ledger, address: str) -> list[str]:
+    """What is wrong with a stage that can be helped by making it again; empty if it is not there.
+
+    Raises DmfcError where its files cannot be opened: that is the machine's trouble.
+    """
+    folder = ledger.folder(address)
+    if not folder.is_dir():
+        return []
+    if not (folder / RECORD).is_file():
+        return [f"{RECORD} is missing"]
+    try:
+        return [" ".join(item) for item in faults(folder)]
+    except DamagedError as error:
+        return [str(error)]
+    except OSError as error:
+        raise DmfcError(f"'{folder}' cannot be read: {error.strerror or error}") from error
+
+
+def _failure(ledger: Ledger, address: str) -> str | None:
+    try:
+        return ledger.failure(address)
+    except DamagedError as error:
+        return str(error)
 
 
 def referred(ledger: Ledger, addresses: Iterable[str]) -> set[str]:

@@ -11,6 +11,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from dmfc.files.atomic import write_text
+
 SAMPLES = "system.jsonl"
 """A line per sample: `time` (s since 1970) and the measures by name."""
 MEGABYTE = 2**20
@@ -45,6 +47,17 @@ def read_lines(path: Path, growing: bool = True) -> list[dict[str, Any]]:
     return [json.loads(line) for line in text[:end].splitlines()]
 
 
+def _whole_lines(path: Path) -> list[str]:
+    """The lines that earlier attempts left, but for those that a power cut tore."""
+    whole = []
+    for line in path.read_bytes().splitlines() if path.is_file() else []:
+        try:
+            whole.append(json.dumps(json.loads(line)) + "\n")
+        except ValueError:
+            continue
+    return whole
+
+
 def keep_samples(work: Path, out: Path) -> None:
     """Put the samples beside the outputs of a stage."""
     if (work / SAMPLES).is_file():
@@ -59,8 +72,7 @@ def _sample(work: Path, seconds: float, gpus: float, stop: threading.Event) -> N
     process, gpu = psutil.Process(), _gpu_reader(gpus)
     process.cpu_percent()  # the first call starts the clock
     path = work / SAMPLES
-    whole = [json.dumps(line) + "\n" for line in read_lines(path)]  # without a torn last line
-    path.write_text("".join(whole))
+    write_text(path, "".join(_whole_lines(path)))
     while not stop.wait(seconds):
         line = {
             "time": round(time.time(), 3),

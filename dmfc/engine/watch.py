@@ -91,6 +91,9 @@ class Progress:
             left = f"; {self._time_left()}" if self._live is None and done < total else ""
             self._console.print(Text(line + left, style="red" if bad else ""), soft_wrap=True)
 
+    def note(self, text: str) -> None:
+        self._console.print(Text(text, style="yellow"), soft_wrap=True)
+
     def tick(self, running: Sequence[Job]) -> None:
         self._running = running
         if self._live is not None:

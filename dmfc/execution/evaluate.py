@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,6 +13,7 @@ import pandas as pd
 
 from dmfc.config.execution import ExecutionConfig
 from dmfc.config.physics import PhysicsConfig
+from dmfc.config.scenes import ScenesConfig
 from dmfc.errors import DmfcError
 from dmfc.execution.candidates import (
     GraspCandidates,
@@ -33,6 +35,7 @@ from dmfc.network.model import DmfcGraspNet
 from dmfc.objects.model import ObjectModel
 from dmfc.physics.world import World
 from dmfc.prediction.cloud_check import CloudCheck
+from dmfc.scenes.labels import HandAtGrasps, surviving_labels
 from dmfc.scenes.scene_set import Scene, SceneSet
 
 Row = Literal["model", "planner", "random"]
@@ -57,6 +60,8 @@ class Evaluation:
     description: HandDescription
     physics: PhysicsConfig
     config: ExecutionConfig
+    labels: ScenesConfig | None = None
+    """How the planner's row labels the scenes; None: they have their labels."""
 
     def __post_init__(self) -> None:
         if (self.row == "model") != (self.network is not None) or (self.row == "planner") != (
@@ -69,7 +74,7 @@ class Evaluation:
         if self.network is not None:
             return from_prediction(scene, predict(self.network, scene.points))
         if self.grasps is not None:
-            return from_labels(scene, self.grasps, self.hand)
+            return from_labels(self._labelled(scene, self.grasps), self.grasps, self.hand)
         return at_random(scene, self.hand, self.config)
 
     def chosen(self, scene: Scene, proposed: GraspCandidates) -> GraspCandidates:
@@ -81,6 +86,25 @@ class Evaluation:
             check = self._cloud_check.clear(T_world_palm, proposed.joints, scene.points)
             proposed = proposed[check]
         return select(proposed, self.config)
+
+    def _labelled(self, scene: Scene, grasps: Mapping[str, GraspSet]) -> Scene:
+        """The scene with those of the grasps that are clear of table and neighbours."""
+        if self.labels is None:
+            return scene
+        models = [self.objects[name] for name in scene.object_ids]
+        found = surviving_labels(
+            self.labels, models, scene.T_world_object, grasps, self._hand_at_grasps
+        )
+        return dataclasses.replace(
+            scene,
+            grasp_object=found.grasp_object,
+            grasp_index=found.grasp_index,
+            dropped=found.dropped,
+        )
+
+    @cached_property
+    def _hand_at_grasps(self) -> HandAtGrasps:
+        return HandAtGrasps(self.hand)
 
     @cached_property
     def _cloud_check(self) -> CloudCheck:

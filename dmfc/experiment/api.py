@@ -16,6 +16,7 @@ from dmfc.experiment.training import TrainedModel, train_model
 if TYPE_CHECKING:
     import pandas as pd
 
+    from dmfc.config.presets import Presets
     from dmfc.config.schema import Config
     from dmfc.report.paired import Comparison
     from dmfc.report.table import SweepTable
@@ -73,11 +74,12 @@ class Experiment:
 
     def __init__(
         self,
-        preset: str = "quick",
+        preset: Presets = "quick",
         settings: Mapping[str, Any] | None = None,
         store: str | Path = "store",
     ) -> None:
-        """`preset`: a shipped one's name or a YAML file; `settings`: dotted keys over it.
+        """`preset`: a shipped one's name or a YAML file, or several, of which the last one wins;
+        `settings`: dotted keys over it.
 
         Raises DmfcError that names the nearest key where a key does not exist.
         """

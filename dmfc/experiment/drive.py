@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -66,7 +66,11 @@ def drive(plans: Sequence[SweepPlan], ledger: Ledger, as_json: bool) -> Driven:
             ran = sum(outcome.status == "ran" for outcome in outcomes.values())
             tables = []
             for plan, folder in zip(plans, folders, strict=True):
-                table = write_tables(ledger, plan.record(), failures, as_json)
+                try:
+                    table = write_tables(ledger, plan.record(), failures, as_json)
+                except DmfcError:  # its rows are damaged
+                    write_state(folder, "FAILED", failures)
+                    raise
                 tables.append(table)
                 write_state(folder, "FAILED" if _incomplete(table) else "FINISHED", failures)
             patience = END_SECONDS
@@ -159,10 +163,12 @@ def write_tables(
     `read_only`: where the store cannot be written, say so and go on.
     """
     from dmfc.report.collect import collect, table_from, write_table
+    from dmfc.report.left_out import left_out
     from dmfc.report.trials import read_trials
 
     rows = collect(ledger, description, failures)
     table = table_from(rows, description, read_trials(ledger, description, failures))
+    table = replace(table, left_out=left_out(ledger, description.stages))
     paths: list[Path] = []
     try:
         paths = write_table(ledger, table, rows)
@@ -216,9 +222,10 @@ def _incomplete(table: SweepTable) -> bool:
 def _result(plan: SweepPlan, table: SweepTable, ledger: Ledger, anew: bool) -> dict[str, Any]:
     """Page and tracking of one sweep, and its answer for a machine."""
     from dmfc.report.formats import to_json
+    from dmfc.report.outputs import intact
     from dmfc.report.page import PAGE
 
-    if anew or not (plan.folder(ledger) / PAGE).is_file():
+    if anew or not intact(plan.folder(ledger), PAGE):
         write = page_writer(ledger, plan.record(), table)
         write()  # for MLflow to show
         tracked = _track(plan, ledger)
@@ -258,12 +265,14 @@ def _print_table(table: SweepTable, paths: Sequence[Path]) -> None:
     from rich.console import Console
 
     from dmfc.report.formats import to_rich
+    from dmfc.report.left_out import SHOWN, left_out_line
     from dmfc.report.trials import trials_to_rich
 
     console = Console(highlight=False)
     if not console.is_terminal:  # a log or a pipe has no width to fit
         console.width = 140
     console.print(to_rich(table))
+    console.print(left_out_line(table.left_out, SHOWN), markup=False, soft_wrap=True)
     if table.trials:
         console.print(trials_to_rich(table.trials))
     for row in table.rows:

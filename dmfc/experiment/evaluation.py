@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dmfc.config.protocol import executed
 from dmfc.errors import DmfcError, unknown_name
+from dmfc.experiment.console import warn
 from dmfc.experiment.session import Session, require
+from dmfc.files.below import files_below
+from dmfc.files.foreign import reading
 
 if TYPE_CHECKING:
     import pandas as pd
 
+    from dmfc.config.presets import Presets
+    from dmfc.config.schema import Config
     from dmfc.engine.stage import Stage
     from dmfc.report.table import SweepTable, TableRow
 
@@ -59,48 +66,90 @@ class Evaluation:
 
     def write(self, folder: Path) -> None:
         """Write trials.parquet, diversity.parquet, summary.json and failures.png into `folder`."""
-        from dmfc.files.atomic import write_json
+        from dmfc.files.atomic import write_json, written_whole
         from dmfc.pipeline.artifacts import DIVERSITY, SUMMARY, TRIALS
         from dmfc.report.failures import draw_failures
+        from dmfc.report.outputs import note_outputs
 
         folder.mkdir(parents=True, exist_ok=True)
-        self.trials.to_parquet(folder / TRIALS, index=False)
-        self.diversity.to_parquet(folder / DIVERSITY, index=False)
+        for name, rows in ((TRIALS, self.trials), (DIVERSITY, self.diversity)):
+            with written_whole(folder / name) as temporary:
+                rows.to_parquet(temporary, index=False)
         write_json(folder / SUMMARY, self.summary)
+        note_outputs(folder, [TRIALS, DIVERSITY, SUMMARY])
         draw_failures(self.table, folder / "failures.png")
 
 
 def evaluated(
-    source: str, preset: str, overrides: Sequence[str], store: Path
+    source: str,
+    preset: Presets,
+    overrides: Sequence[str],
+    store: Path,
+    wanted: tuple[int, int] | None = None,
 ) -> tuple[Session, tuple[Stage, ...]]:
-    """The finished evaluations of a model, row or grasp sets, made where they are missing."""
-    checkpoint, files = _source(source)
-    settings = [f"objects.test=[{', '.join(files)}]"] if files else []
+    """The finished evaluations of a model, row or grasp sets, made where they are missing.
+
+    Raises DmfcError before anything is made where the scene and the trial in it that are `wanted`
+    are not among them.
+    """
+    checkpoint, files, objects = _source(source)
+    settings = [f"objects.test={json.dumps(objects, ensure_ascii=False)}"] if files else []
     session = Session.open(preset, [*overrides, *settings], store, grasp_files=files)
+    if wanted is not None:
+        _require_trial(session.config, *wanted)
     model = "planner" if files else source
     stages = session.builder.cell(session.config, model, source, checkpoint).evaluations
     require(session.make(stages), stages)
+    warn(_implausible(session))
     return session, stages
 
 
+def _implausible(session: Session) -> list[str]:
+    """Warnings of masses that the user's own test objects cannot have."""
+    from dmfc.objects.mass import implausible_mass
+    from dmfc.pipeline.artifacts import load_object
+
+    objects = session.builder.objects(session.config, "test")
+    own = [stage for stage in objects if stage.name.startswith(("folder/", "own/"))]
+    ledger = session.ledger
+    made = [s.address for s in own if ledger.finished(s.address) and not ledger.failure(s.address)]
+    return [implausible_mass(load_object(ledger.verified(address))) for address in made]
+
+
+def _require_trial(config: Config, scene: int, trial: int) -> None:
+    scenes, trials = config.scenes.test.count, executed(config).execution.grasps_per_scene
+    if not 0 <= scene < scenes:
+        raise DmfcError(
+            f"there is no scene {scene}: the {scenes} test scenes are 0 to {scenes - 1} "
+            "(setting scenes.test.count, option --scenes)"
+        )
+    if not 0 <= trial < trials:
+        raise DmfcError(
+            f"scene {scene} has no trial {trial}: its {trials} trials are 0 to {trials - 1} "
+            "(setting execution.grasps_per_scene)"
+        )
+
+
 def read_evaluation(
-    session: Session, stages: Sequence[Stage], source: str, preset: str
+    session: Session, stages: Sequence[Stage], source: str, preset: Presets
 ) -> Evaluation:
     """The rows of finished evaluation stages, and their rates."""
     import pandas as pd
 
+    from dmfc.config.presets import preset_title
     from dmfc.pipeline.artifacts import TRIALS, load_diversity, load_trials
     from dmfc.report.rates import concatenate
     from dmfc.report.table import CellRows, make_table
 
-    folders = [session.ledger.folder(stage.address) for stage in stages]
+    folders = [session.ledger.verified(stage.address) for stage in stages]
     files = tuple(folder / TRIALS for folder in folders)
     trials = concatenate([load_trials(folder) for folder in folders])
     diversity = pd.concat([load_diversity(folder) for folder in folders])
     config = session.config
     wanted = config.execution.grasps_per_scene * config.scenes.test.count
     cell = CellRows(source, source, config.execution.seed, wanted, trials)
-    table = make_table([cell], id="evaluate", name=source, title=source, preset=preset)
+    title = preset_title(preset)
+    table = make_table([cell], id="evaluate", name=source, title=source, preset=title)
     return Evaluation(source, trials, diversity, table, files)
 
 
@@ -118,13 +167,17 @@ def read_trials(text: str) -> pd.DataFrame:
     """Trial rows of 'FILE', 'FOLDER' or 'FILE:CELL'. Raises DmfcError where there are none."""
     import pandas as pd
 
+    from dmfc.engine.record import verified
     from dmfc.pipeline.artifacts import TRIALS
+    from dmfc.report.outputs import whole_output
 
     name, _, cell = text.partition(":")
     path = Path(name) / TRIALS if Path(name).is_dir() else Path(name)
-    if not path.is_file():
-        raise DmfcError(f"there are no trial rows at '{path}'")
-    rows = pd.read_parquet(path)
+    if path.is_file():
+        verified(path.parent)
+        whole_output(path, "`dmfc tables` or `dmfc evaluate` writes it again")
+    with reading(path, "trial rows (parquet)"):
+        rows = pd.read_parquet(path)
     if not cell:
         return rows
     cells = list(rows["cell"].unique()) if "cell" in rows else []
@@ -133,24 +186,38 @@ def read_trials(text: str) -> pd.DataFrame:
     return rows[rows["cell"] == cell]
 
 
-def _source(source: str) -> tuple[Path | None, dict[str, Path]]:
-    """A trained model's folder, or the files of grasp sets by object; neither for a known name."""
+def _source(source: str) -> tuple[Path | None, dict[str, Path], list[str]]:
+    """A trained model's folder, or grasp sets: their files by object, and the objects' selectors;
+    neither for a known name."""
     from dmfc.grasps.grasp_set import GraspSet
     from dmfc.pipeline.artifacts import WEIGHTS
     from dmfc.sweep.sweep_file import MODELS
 
     path = Path(source)
     if source in MODELS:
-        return None, {}
+        return None, {}, []
     if (path / WEIGHTS).is_file():
-        return path.absolute(), {}
-    sets = sorted(path.rglob("*.parquet")) if path.is_dir() else [path]
+        from dmfc.network.checkpoint import load_alone
+
+        load_alone(path)  # before stages are made that it is to be evaluated with
+        return path.absolute(), {}, []
+    sets = files_below(path, [".parquet"]) if path.is_dir() else [path]
     if not sets or not all(file.is_file() and file.suffix == ".parquet" for file in sets):
         raise DmfcError(
             f"{unknown_name('model', source, MODELS)}; nor is it a folder with {WEIGHTS} or "
             "grasp sets (.parquet)"
         )
-    return None, {GraspSet.load(file).object_id: file.absolute() for file in sets}
+    files: dict[str, Path] = {}
+    selectors = []
+    for file in sets:
+        found = GraspSet.load(file)
+        if found.object_id in files:
+            raise DmfcError(
+                f"two grasp sets of '{found.object_id}': {files[found.object_id]} and {file}"
+            )
+        files[found.object_id] = file.absolute()
+        selectors.append(found.notes.get("object_selector", found.object_id))
+    return None, files, selectors
 
 
 def _means(spread: pd.DataFrame) -> dict[str, float | None]:

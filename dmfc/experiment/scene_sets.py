@@ -14,6 +14,7 @@ from dmfc.experiment.session import Session, require
 from dmfc.pipeline.artifacts import GRASPS, SCENES, load_hand, load_object
 
 if TYPE_CHECKING:
+    from dmfc.config.presets import Presets
     from dmfc.engine.stage import Stage
     from dmfc.hand.model import HandModel
     from dmfc.objects.model import ObjectModel
@@ -26,7 +27,7 @@ SHEET_ROWS = 5
 
 
 def open_set(
-    split: str, at: str | None, preset: str, overrides: Sequence[str] | None, store: Path
+    split: str, at: str | None, preset: Presets, overrides: Sequence[str] | None, store: Path
 ) -> tuple[PublishedSet, Session]:
     """The set at a folder or URL, or that of the settings if all its shards are made."""
     from dmfc.scenes.publish.published import MANIFEST, PublishedSet
@@ -48,13 +49,14 @@ def open_set(
 
 
 def make_shards(session: Session, split: str) -> Sequence[Stage]:
-    """The shards of a split, made; what is damaged is forgotten first, and told."""
-    from dmfc.engine.store import forget_damaged
+    """The shards of a split, made; what is damaged is set aside first, and told."""
+    from dmfc.engine.store import repair
 
     shards = session.builder.scenes(session.config, check_split(split))
     names = {shard.address: shard.name for shard in shards}
-    for address, wrong in forget_damaged(session.ledger, names):
-        told = f"shard {names[address]} is damaged ({', '.join(wrong)}): it is made again"
+    for found in repair(session.ledger, names):
+        what = f"shard {names[found.address]} is damaged ({', '.join(found.wrong)})"
+        told = f"{what}: it is made again" if found.aside else f"{what}, and in use"
         stderr().print(told, style="yellow", markup=False, soft_wrap=True)
     require(session.make(shards), shards)
     return shards
@@ -74,7 +76,7 @@ def publish_set(
     found = publish(
         place,
         shard_files(session, shards),
-        {s.name: ledger.folder(s.address) / GRASPS for s in there},
+        {s.name: ledger.verified(s.address) / GRASPS for s in there},
         hand.palm_reference,
         config.matching,
         seeds=config.network.levels[0],
@@ -116,20 +118,20 @@ def write_card(
 
 
 def shard_files(session: Session, shards: Sequence[Stage]) -> list[Path]:
-    return [session.ledger.folder(shard.address) / SCENES for shard in shards]
+    return [session.ledger.verified(shard.address) / SCENES for shard in shards]
 
 
 def hand_of(session: Session) -> HandModel:
     stage = session.builder.hand(session.config)
     require(session.make([stage]), [stage])
-    return load_hand(session.ledger.folder(stage.address))
+    return load_hand(session.ledger.verified(stage.address), session.config.closing)
 
 
 def objects_of(session: Session, split: str, shown: Sequence[Scene]) -> Mapping[str, ObjectModel]:
     """The prepared objects of some scenes."""
     names = {name for scene in shown for name in scene.object_ids}
     return {
-        stage.name: load_object(session.ledger.folder(stage.address))
+        stage.name: load_object(session.ledger.verified(stage.address))
         for stage in session.builder.objects(session.config, split)
         if stage.name in names
     }
@@ -144,12 +146,11 @@ def made_by() -> dict[str, str]:
 
 def set_name(split: str, shards: Sequence[Stage]) -> str:
     """A folder's name that is the same for the same shards and version of the manifest."""
-    import hashlib
-
+    from dmfc.files.digest import text_digest
     from dmfc.scenes.publish.published import VERSION
 
     text = " ".join([str(VERSION), *(shard.address for shard in shards)])
-    return f"{split}-{hashlib.sha256(text.encode()).hexdigest()[:12]}"
+    return f"{split}-{text_digest(text)[:12]}"
 
 
 def check_split(name: str) -> str:

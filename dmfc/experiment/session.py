@@ -5,18 +5,19 @@ from __future__ import annotations
 import contextlib
 import shlex
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
-from dmfc.errors import DmfcError, masked
+from dmfc.errors import DmfcError, MachineError, masked
 from dmfc.experiment.console import stderr
 from dmfc.experiment.signals import interrupted_status
 
 if TYPE_CHECKING:
+    from dmfc.config.presets import Presets
     from dmfc.config.schema import Config
     from dmfc.engine.engine import Outcomes, Watcher
     from dmfc.engine.ledger import Ledger
@@ -35,7 +36,7 @@ class Session:
     @classmethod
     def open(
         cls,
-        preset: str,
+        preset: Presets,
         overrides: Sequence[str] | None,
         store: Path,
         grasp_files: Mapping[str, Path] | None = None,
@@ -47,7 +48,9 @@ class Session:
         from dmfc.pipeline.selection import list_refs
 
         config = load_config(preset, overrides or [])
-        return cls(config, Ledger(store), GraphBuilder(list_refs, grasp_files=grasp_files))
+        ledger = Ledger(store)
+        ledger.check_version()
+        return cls(config, ledger, GraphBuilder(list_refs, grasp_files=grasp_files))
 
     def make(self, targets: Sequence[Stage]) -> Outcomes:
         """Run what is missing, shown on standard error; ends the program on Ctrl-C."""
@@ -65,13 +68,29 @@ def run_shown(
     from dmfc.engine.engine import run_stages, unfinished
     from dmfc.pipeline.kinds import KINDS
 
-    alone = len(unfinished(targets, ledger)) == 1
+    needed = unfinished(targets, ledger)
+    if needed and config.run.ray_address:
+        _share_packs(needed.values(), ledger)
+    alone = len(needed) == 1
     # Ray prints the deaths of its processes on standard output, which belongs to the answer.
     with contextlib.redirect_stdout(sys.stderr), interrupts_told():
         outcomes = run_stages(targets, ledger, config, KINDS, watcher=watcher, local=alone)
         if any(outcome.status == "interrupted" for outcome in outcomes.values()):
             raise KeyboardInterrupt
     return outcomes
+
+
+def _share_packs(stages: Iterable[Stage], ledger: Ledger) -> None:
+    """Put asset packs where the nodes of a cluster find them; each may have a cache that does."""
+    from dmfc.pipeline.here import share_packs
+
+    try:
+        ledger.prepare()
+        share_packs(stages, ledger.store)
+    except MachineError as error:
+        stderr().print(
+            f"{error}; nodes need packs in caches of their own", markup=False, soft_wrap=True
+        )
 
 
 @contextlib.contextmanager

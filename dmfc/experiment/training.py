@@ -62,4 +62,4 @@ def train_model(session: Session, phase: str) -> TrainedModel:
     """Train, with all that it needs, unless the store has the model."""
     stage = training_stage(session, phase)
     require(session.make([stage]), [stage])
-    return TrainedModel(stage.address, session.ledger.folder(stage.address))
+    return TrainedModel(stage.address, session.ledger.verified(stage.address))

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.fs as pafs
 
 from dmfc.errors import DmfcError, first_line
+from dmfc.files.atomic import write_bytes
 
 
 def located(place: str) -> tuple[pafs.FileSystem, str]:
@@ -43,10 +45,13 @@ def read_file(place: str) -> bytes:
 
 
 def write_file(place: str, content: bytes) -> None:
-    """Write a file and the folders above it. Raises DmfcError if that fails."""
+    """Write a file and the folders above it; here whole or not at all. DmfcError if that fails."""
     system, path = located(place)
     try:
         system.create_dir(os.path.dirname(path), recursive=True)
+        if isinstance(system, pafs.LocalFileSystem):
+            write_bytes(Path(path), content)
+            return
         with system.open_output_stream(path) as stream:
             stream.write(content)
     except OSError as error:

@@ -17,7 +17,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from scipy.spatial.transform import Rotation
 
-from dmfc.errors import DmfcError
+from dmfc.errors import DmfcError, one_line
+from dmfc.files.atomic import written_whole
 from dmfc.grasps.grasps import Grasps
 
 VERSION = 1
@@ -73,7 +74,7 @@ class GraspSet(Grasps):
         return cls(object_id=object_id, hand=hand, dof_names=dof_names, notes=notes or {}, **arrays)
 
     def save(self, path: Path) -> None:
-        """Write the Parquet file; an existing one is replaced."""
+        """Write the Parquet file, whole or not at all; an existing one is replaced."""
         quaternion = _quaternions(self.rotation)
         columns = {
             "position": _vectors(self.position),
@@ -89,26 +90,32 @@ class GraspSet(Grasps):
             "dof_names": " ".join(self.dof_names),
             **{f"note.{key}": value for key, value in self.notes.items()},
         }
-        pq.write_table(
-            pa.table(columns).replace_schema_metadata(metadata), path, compression="zstd"
-        )
+        table = pa.table(columns).replace_schema_metadata(metadata)
+        with written_whole(Path(path)) as temporary:
+            pq.write_table(table, temporary, compression="zstd")
 
     @classmethod
     def load(cls, path: Path | BinaryIO) -> GraspSet:
         """Read a file that `save` wrote. Raises DmfcError if it is missing or something else."""
         try:
-            table = pq.read_table(path)
-        except (OSError, pa.ArrowInvalid) as error:
-            raise DmfcError(f"grasp set {path}: cannot be read ({error})") from error
+            return cls._of(pq.read_table(path))
+        except Exception as error:  # of a damaged file, Arrow and NumPy raise whatever they like
+            raise DmfcError(f"grasp set {path}: cannot be read ({one_line(error)})") from error
+
+    @classmethod
+    def _of(cls, table: pa.Table) -> GraspSet:
         metadata = {k.decode(): v.decode() for k, v in (table.schema.metadata or {}).items()}
         if metadata.get("dmfc.grasp_set") != str(VERSION):
             found = metadata.get("dmfc.grasp_set", "none")
-            raise DmfcError(f"grasp set {path}: format version {found}, expected {VERSION}")
+            raise DmfcError(f"format version {found}, expected {VERSION}")
         dof_names = metadata["dof_names"].split()
         values = {name: table[name].to_numpy() for name in _SCALARS}
         for name, width in (("position", 3), ("joints", len(dof_names)), ("palm_hit", 3)):
             values[name] = _matrix(table[name], width)
         values["rotation"] = _rotations(_matrix(table["quaternion"], 4))
+        for name in ("position", "rotation", "joints"):
+            if not np.isfinite(values[name]).all():
+                raise DmfcError(f"{name} is not finite")
         notes = {
             key.removeprefix("note."): value
             for key, value in metadata.items()

@@ -12,6 +12,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from dmfc.config.closing import ClosingConfig
 from dmfc.config.hand import HandConfig
 from dmfc.errors import DmfcError
 from dmfc.geometry.grid import Grid
@@ -23,6 +24,8 @@ from dmfc.hand.surface import LinkSurface, link_surfaces, visual_mesh
 
 CANDIDATES = 12
 """Surface samples drawn for every collision point that is kept."""
+_TOLERANCE = 1e-4
+"""rad by which an angle may be beyond its limits: both are rounded in files."""
 
 
 def build_hand(config: HandConfig) -> HandModel:
@@ -34,6 +37,7 @@ def build_hand(config: HandConfig) -> HandModel:
     model = hand_model(description)
     names = [model.body(body).name.removeprefix(PREFIX) for body in range(1, model.nbody)]
     tree = _tree(model, description, names)
+    _check_angles(description, tree["lower"], tree["upper"])
     surfaces = link_surfaces(model)
     candidates = _candidates(surfaces, config)
     link, points = _collision_points(candidates, config.collision_points)
@@ -45,8 +49,6 @@ def build_hand(config: HandConfig) -> HandModel:
         dof_names=description.dof_names,
         open_joints=description.open_joints,
         flexion=description.flexion_direction,
-        opening=config.opening,
-        squeeze=config.squeeze,
         link_names=names,
         palm_reference=np.array(description.palm_reference, dtype=np.float64),
         palm_normal=normal / np.linalg.norm(normal),
@@ -58,6 +60,7 @@ def build_hand(config: HandConfig) -> HandModel:
         link_vertices=[np.asarray(mesh.vertices, dtype=np.float64) for mesh in visuals],
         link_faces=[np.asarray(mesh.faces, dtype=np.int32) for mesh in visuals],
         **tree,
+        closing=ClosingConfig(),
     )
 
 
@@ -117,6 +120,24 @@ def _check_joint(model: mujoco.MjModel, body: int, description: HandDescription)
     if wrong:
         name = model.body(body).name.removeprefix(PREFIX)
         raise DmfcError(f"hand '{description.name}': body '{name}' {wrong} (key mjcf)")
+
+
+def _check_angles(description: HandDescription, lower: np.ndarray, upper: np.ndarray) -> None:
+    """Raises DmfcError for an angle of the open hand or of a pre-shape that no joint can have."""
+    given = [("dofs", name, angle) for name, angle in description.dofs.items()]
+    given += [
+        ("preshape", name, end) for name, ends in description.preshape.items() for end in ends
+    ]
+    for key, name, angle in given:
+        dof = description.dof_names.index(name)
+        low, high = lower[dof] - _TOLERANCE, upper[dof] + _TOLERANCE
+        if not low <= angle <= high:
+            degrees = f"; {angle:g} degrees are {np.radians(angle):.4g} rad"
+            raise DmfcError(
+                f"hand '{description.name}': {key}.{name} is {angle:g} rad, but the joint turns "
+                f"from {lower[dof]:.4g} to {upper[dof]:.4g} rad"
+                + (degrees if low <= np.radians(angle) <= high else "")
+            )
 
 
 def _candidates(surfaces: list[LinkSurface], config: HandConfig) -> list[np.ndarray]:

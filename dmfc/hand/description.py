@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import math
 import re
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -21,7 +22,7 @@ from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
 from dmfc.config.interpolation import refuse_interpolation
-from dmfc.errors import DmfcError, first_line, unknown_name
+from dmfc.errors import DmfcError, first_line, one_line, unknown_name
 
 
 @dataclass(frozen=True)
@@ -136,6 +137,8 @@ def _mjcf_files(mjcf: Path) -> list[Path]:
 def _read(path: Path, text: str) -> HandDescription:
     """Kept, since a worker asks for the same hand at every shard, and parsing costs more than
     compiling a scene."""
+    if "${" in text:
+        raise DmfcError(f"hand description {path}: write values out, instead of '${{...}}'")
     try:
         schema = OmegaConf.structured(HandDescription)
         given = OmegaConf.load(io.StringIO(text))
@@ -145,8 +148,8 @@ def _read(path: Path, text: str) -> HandDescription:
     except OmegaConfBaseException as error:
         where = f" (key {error.full_key})" if error.full_key else ""
         raise DmfcError(f"hand description {path}: {first_line(error)}{where}") from error
-    except (YAMLError, TypeError, OSError) as error:
-        raise DmfcError(f"hand description {path}: {' '.join(str(error).split())}") from error
+    except (YAMLError, TypeError, ValueError, OSError, RecursionError, AttributeError) as error:
+        raise DmfcError(f"hand description {path}: {one_line(error)}") from error
     assert isinstance(description, HandDescription)
     _check(description, path)
     return description
@@ -154,6 +157,10 @@ def _read(path: Path, text: str) -> HandDescription:
 
 def _check(description: HandDescription, path: Path) -> None:
     """What a schema cannot say. Raises DmfcError."""
+    for key in ("name", "mjcf", "palm"):
+        if not getattr(description, key):
+            raise DmfcError(f"hand description {path}: {key} is missing")
+    _require_finite(description, path)
     for key in ("flexion", "preshape"):
         for joint in getattr(description, key):
             if joint not in description.dofs:
@@ -164,5 +171,22 @@ def _check(description: HandDescription, path: Path) -> None:
     for joint, coupling in description.couplings.items():
         if coupling.ratio == 0:
             raise DmfcError(f"hand description {path}: couplings.{joint}.ratio is 0")
+    if description.max_torque < 0:
+        raise DmfcError(f"hand description {path}: max_torque is {description.max_torque:g}")
     if not np.linalg.norm(description.palm_normal) > 0:
         raise DmfcError(f"hand description {path}: palm_normal has no direction")
+
+
+def _require_finite(description: HandDescription, path: Path) -> None:
+    numbers: list[tuple[str, object]] = [("max_torque", description.max_torque)]
+    for key in ("palm_reference", "palm_normal"):
+        numbers += [(key, value) for value in getattr(description, key)]
+    for key in ("dofs", "flexion"):
+        numbers += [(f"{key}.{name}", value) for name, value in getattr(description, key).items()]
+    numbers += [
+        (f"preshape.{name}", value) for name, ends in description.preshape.items() for value in ends
+    ]
+    numbers += [(f"couplings.{name}", c.ratio) for name, c in description.couplings.items()]
+    for key, value in numbers:
+        if not isinstance(value, int | float) or not math.isfinite(value):
+            raise DmfcError(f"hand description {path}: {key} is {value!r}, not a finite number")

@@ -7,16 +7,18 @@ identity. Every other link turns about one axis through its own origin, or is fi
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from zipfile import BadZipFile
 
 import numpy as np
 
+from dmfc.config.closing import ClosingConfig
 from dmfc.errors import DmfcError
+from dmfc.files.atomic import written_whole
 from dmfc.geometry.grid import Grid
 
-VERSION = 1
+VERSION = 2
 
 
 @dataclass(frozen=True)
@@ -34,10 +36,6 @@ class HandModel:
     """[D] the open hand, rad."""
     flexion: np.ndarray
     """[D] direction in joint space that closes the hand."""
-    opening: float
-    """How far the fingers are open before they close on an object, rad along `flexion`."""
-    squeeze: float
-    """How far beyond contact they are commanded, rad along `flexion`."""
     link_names: list[str]
     """[L] the palm first, parents before children."""
     parents: np.ndarray
@@ -72,6 +70,8 @@ class HandModel:
     """[L] visual mesh of each link, [n, 3], link frame; empty where it has none."""
     link_faces: list[np.ndarray]
     """[L] triangles of the visual meshes, [m, 3] i32."""
+    closing: ClosingConfig = field(default_factory=ClosingConfig)
+    """How the fingers close; not part of the file."""
 
     @property
     def dofs(self) -> int:
@@ -83,11 +83,11 @@ class HandModel:
 
     def opened(self, joints: np.ndarray) -> np.ndarray:
         """The hand before it closes to `joints` [..., D], rad, within the limits."""
-        return np.clip(joints - self.opening * self.flexion, self.lower, self.upper)
+        return np.clip(joints - self.closing.opening * self.flexion, self.lower, self.upper)
 
     def squeezed(self, joints: np.ndarray) -> np.ndarray:
         """What the fingers are commanded once they touch at `joints` [..., D], rad."""
-        return np.clip(joints + self.squeeze * self.flexion, self.lower, self.upper)
+        return np.clip(joints + self.closing.squeeze * self.flexion, self.lower, self.upper)
 
     def thinned(self, count: int) -> HandModel:
         """The hand with about `count` of its collision points, every k-th."""
@@ -99,10 +99,12 @@ class HandModel:
         )
 
     def save(self, path: Path) -> None:
-        """Write everything to one .npz file."""
+        """Write everything to one .npz file, whole or not at all."""
         arrays: dict[str, np.ndarray] = {"version": np.array(VERSION)}
         for entry in fields(self):
             value = getattr(self, entry.name)
+            if entry.name == "closing":
+                continue
             if entry.name == "link_grids":
                 for i, grid in enumerate(value):
                     arrays |= grid.arrays(f"link_grids_{i}")
@@ -110,15 +112,18 @@ class HandModel:
                 arrays |= {f"{entry.name}_{i}": array for i, array in enumerate(value)}
             else:
                 arrays[entry.name] = np.asarray(value)
-        with open(path, "wb") as file:
+        with written_whole(Path(path)) as temporary, temporary.open("wb") as file:
             np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
 
     @classmethod
-    def load(cls, path: Path) -> HandModel:
-        """Read what `save` wrote. Raises DmfcError if the file is not that, of this version."""
+    def load(cls, path: Path, closing: ClosingConfig | None = None) -> HandModel:
+        """Read what `save` wrote; the fingers close as `closing` says (None: by default).
+
+        Raises DmfcError if the file is not that, of this version.
+        """
         try:
             with np.load(path, allow_pickle=False) as arrays:
-                return cls._from_arrays(arrays)
+                return replace(cls._from_arrays(arrays), closing=closing or ClosingConfig())
         except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
             raise DmfcError(f"{path} is not a hand model of version {VERSION}: {error}") from error
 
@@ -129,13 +134,11 @@ class HandModel:
         links = range(len(arrays["link_names"]))
         lists = {
             "name": str(arrays["name"]),
-            "opening": float(arrays["opening"]),
-            "squeeze": float(arrays["squeeze"]),
             "dof_names": arrays["dof_names"].tolist(),
             "link_names": arrays["link_names"].tolist(),
             "link_grids": [Grid.from_arrays(arrays, f"link_grids_{i}") for i in links],
             "link_vertices": [arrays[f"link_vertices_{i}"] for i in links],
             "link_faces": [arrays[f"link_faces_{i}"] for i in links],
         }
-        rest = {e.name: arrays[e.name] for e in fields(cls) if e.name not in lists}
+        rest = {e.name: arrays[e.name] for e in fields(cls) if e.name not in (*lists, "closing")}
         return cls(**lists, **rest)  # type: ignore[arg-type]

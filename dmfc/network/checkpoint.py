@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, cast
 
@@ -14,6 +15,7 @@ from safetensors.torch import load_file
 
 from dmfc.config.interpolation import refuse_interpolation
 from dmfc.config.network import NetworkConfig
+from dmfc.engine.record import verified
 from dmfc.errors import DmfcError, one_line
 from dmfc.hand.model import HandModel
 from dmfc.network.model import DmfcGraspNet
@@ -32,8 +34,9 @@ def new_network(config: NetworkConfig, hand: HandModel) -> DmfcGraspNet:
 def load_network(folder: Path, hand: HandModel) -> DmfcGraspNet:
     """The trained network of a stage's `folder`, in evaluation mode.
 
-    Raises DmfcError where the folder holds none, or one for another hand.
+    Raises DmfcError where the folder holds none, one for another hand, or a damaged one.
     """
+    verified(folder)
     try:
         stored = OmegaConf.load(folder / CONFIG)
         trained_hand = stored.hand
@@ -49,10 +52,11 @@ def load_network(folder: Path, hand: HandModel) -> DmfcGraspNet:
 def load_alone(folder: Path) -> tuple[DmfcGraspNet, str]:
     """The trained network of a stage's `folder` and the name of its hand, without that hand.
 
-    Its joint limits and centre are those of the weights. Raises DmfcError where there is none.
+    Its joint limits and centre are those of the weights. Raises DmfcError where there is none, or a
+    damaged one.
     """
     try:
-        tensors = load_file(folder / WEIGHTS)
+        tensors = _tensors(folder)
         buffers = [tensors[name].float() for name in ("lower", "upper", "centre")]
         stored = OmegaConf.load(folder / CONFIG)
         net = DmfcGraspNet(_network_config(stored), *buffers)
@@ -64,14 +68,33 @@ def load_alone(folder: Path) -> tuple[DmfcGraspNet, str]:
 
 
 def load_weights(net: DmfcGraspNet, folder: Path) -> None:
-    """Fill `net` with the weights of a stage's `folder`; they must fit exactly."""
+    """Fill `net` with the weights of a stage's `folder`; they must fit exactly.
+
+    Raises DmfcError where they do not, or where they are damaged or not finite.
+    """
     try:
-        net.load_state_dict(load_file(folder / WEIGHTS))
+        net.load_state_dict(_tensors(folder))
     except (OSError, SafetensorError, RuntimeError) as error:
         raise DmfcError(
             f"the weights in {folder} do not fit this network and hand: {one_line(error)} "
             "(network.*, hand.name)"
         ) from error
+
+
+def require_finite(tensors: Mapping[str, torch.Tensor], what: str) -> None:
+    """Raise DmfcError where one of the tensors holds NaN or infinity; `what` names them."""
+    for name, tensor in tensors.items():
+        wrong = int((~torch.isfinite(tensor)).sum()) if tensor.is_floating_point() else 0
+        if wrong:
+            raise DmfcError(f"{what}: '{name}' has {wrong} numbers that are not finite")
+
+
+def _tensors(folder: Path) -> dict[str, torch.Tensor]:
+    """The weights in a folder, compared with the digests of its stage, and finite."""
+    verified(folder)
+    tensors = load_file(folder / WEIGHTS)
+    require_finite(tensors, f"{folder / WEIGHTS} cannot be used, train or copy it again")
+    return tensors
 
 
 def _network_config(stored: Any) -> NetworkConfig:

@@ -5,13 +5,13 @@ def rings() -> list[OwnObject]: ...
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from dmfc.config.custom_function import own_function
 from dmfc.errors import DmfcError, unknown_name
+from dmfc.files.digest import text_digest
 from dmfc.objects.source import ObjectSource, as_name
 
 if TYPE_CHECKING:
@@ -55,14 +55,10 @@ def own_sources(file: str, rest: str, selector: str) -> list[ObjectSource]:
             id=f"own/{item.name}",
             licence=item.licence,
             mass=item.mass,
-            digest=_digest(f"{function.digest} {name} {item.name} {item.mass} {item.digest}"),
+            digest=text_digest(f"{function.digest} {name} {item.name} {item.mass} {item.digest}"),
             selector=f"{function.file}:{name}/{item.name}",
             loader=item.make,
         )
         for item in listed
         if wanted in ("", item.name)
     ]
-
-
-def _digest(content: str) -> str:
-    return hashlib.sha256(content.encode()).hexdigest()

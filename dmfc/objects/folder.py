@@ -11,8 +11,8 @@ from pathlib import Path
 
 from dmfc.errors import DmfcError
 from dmfc.files.below import files_below
+from dmfc.geometry.units import UNITS
 from dmfc.objects.source import ObjectSource, as_name
-from dmfc.objects.sources import UNITS
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import trimesh
 
-from dmfc.errors import DmfcError
+from dmfc.errors import DmfcError, MachineError, one_line
 
 MESH_SUFFIXES = (".stl", ".obj", ".ply", ".off", ".glb")
 _COMPRESSED = (b"KHR_draco_mesh_compression", b"EXT_meshopt_compression")
@@ -21,7 +21,8 @@ _COMPRESSED = (b"KHR_draco_mesh_compression", b"EXT_meshopt_compression")
 def load_mesh(paths: list[Path], scale: float = 1.0) -> trimesh.Trimesh:
     """Read one mesh from one or more files (joined), times `scale`.
 
-    Raises DmfcError, naming the file, where one is not there, is no mesh, or is cut off.
+    Raises DmfcError, naming the file, where one is no mesh, or is cut off, and MachineError where
+    one is not there.
     """
     parts = [trimesh.Trimesh(p.vertices * scale, p.faces, process=False) for p in map(_read, paths)]
     joined = parts[0]
@@ -32,7 +33,7 @@ def load_mesh(paths: list[Path], scale: float = 1.0) -> trimesh.Trimesh:
 
 def _read(path: Path) -> trimesh.Trimesh:
     if not path.is_file():
-        raise DmfcError(f"mesh file {path} does not exist")
+        raise MachineError(f"mesh file {path} does not exist")
     suffix = path.suffix.lower()
     try:
         data = path.read_bytes()
@@ -45,7 +46,7 @@ def _read(path: Path) -> trimesh.Trimesh:
         else:
             part = trimesh.load(path, force="mesh", process=False)
     except Exception as error:  # the readers of the formats raise whatever they like
-        raise DmfcError(f"mesh file {path} cannot be read: {_line(error)}") from error
+        raise DmfcError(f"mesh file {path} cannot be read: {one_line(error)}") from error
     if not isinstance(part, trimesh.Trimesh):
         raise DmfcError(f"mesh file {path} has no faces")
     faces = len(part.faces)
@@ -126,7 +127,3 @@ def _absolute(corner: bytes, counts: dict[bytes, int]) -> list[int]:
 
 def _text(number: int) -> bytes:
     return str(number).encode() if number else b""
-
-
-def _line(error: Exception) -> str:
-    return (" ".join(str(error).split()) or type(error).__name__)[:200]

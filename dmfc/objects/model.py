@@ -6,7 +6,6 @@ One compressed `.npz` per object. Needs NumPy alone, so that training can read i
 from __future__ import annotations
 
 import json
-import os
 import zipfile
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from dmfc.errors import DmfcError
+from dmfc.files.atomic import written_whole
 from dmfc.geometry.grid import Grid
 
 VERSION = 1
@@ -104,8 +104,7 @@ class ObjectModel:
         }
         path = Path(path)
         path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-        with temporary.open("wb") as out:
+        with written_whole(path) as temporary, temporary.open("wb") as out:
             np.savez_compressed(
                 out,
                 header=np.array(json.dumps(header)),
@@ -124,7 +123,6 @@ class ObjectModel:
                 stable_heights=self.stable_heights,
                 stable_probabilities=self.stable_probabilities,
             )
-        temporary.replace(path)
 
     @classmethod
     def load(cls, path: Path) -> ObjectModel:

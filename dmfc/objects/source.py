@@ -1,4 +1,4 @@
-"""The record of one object that can be prepared, wherever it comes from."""
+"""The record of one object that can be prepared, wherever it comes from, and its name."""
 
 from __future__ import annotations
 

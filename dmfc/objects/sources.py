@@ -56,7 +56,6 @@ YCB_TEST = (
 
 RANDOM_SCALE = 0.015
 """Of the `random` pack's files, as its URDFs give it."""
-UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254}
 _NOT_HOUSEHOLD = ("hand", "headphones")
 """Folders of the household pack that hold no object to grasp, or more than a hand can hold."""
 

@@ -1,7 +1,7 @@
 """Every artifact that a stage leaves: the name of its file, and how it is read.
 
-A loader takes the folder of a finished stage (`Ledger.folder`) and raises DmfcError where the file
-is missing or damaged. It imports what it needs when it is called.
+A loader takes the folder of a finished stage (`Ledger.verified`) and raises DmfcError where the
+file is missing or damaged. It imports what it needs when it is called.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dmfc.engine.ledger import read_record
+from dmfc.engine.record import read_record
 from dmfc.errors import DmfcError, first_line
 from dmfc.execution.trial_files import DIVERSITY, TRIALS
 from dmfc.network.model_files import CONFIG, METRICS, SUMMARY, WEIGHTS
@@ -19,6 +19,7 @@ from dmfc.network.model_files import CONFIG, METRICS, SUMMARY, WEIGHTS
 if TYPE_CHECKING:
     import pandas as pd
 
+    from dmfc.config.closing import ClosingConfig
     from dmfc.grasps.grasp_set import GraspSet
     from dmfc.hand.model import HandModel
     from dmfc.objects.model import ObjectModel
@@ -34,11 +35,11 @@ SCENE_COUNTS = "counts.json"
 """Scenes, labels and dropped labels of a shard."""
 
 
-def load_hand(folder: Path) -> HandModel:
-    """The hand of a stage 'hand'."""
+def load_hand(folder: Path, closing: ClosingConfig | None = None) -> HandModel:
+    """The hand of a stage 'hand', whose fingers close as `closing` says (None: by default)."""
     from dmfc.hand.model import HandModel
 
-    return HandModel.load(folder / HAND)
+    return HandModel.load(folder / HAND, closing)
 
 
 def load_object(folder: Path) -> ObjectModel:

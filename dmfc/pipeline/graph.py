@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 from dmfc.config.custom_function import own_function
 from dmfc.config.losses import LossWeights, Q1Config
 from dmfc.config.protocol import executed
-from dmfc.config.scenes import SceneSetConfig
+from dmfc.config.scenes import ScenesConfig, SceneSetConfig
 from dmfc.config.schema import Config
 from dmfc.engine.kinds import Registry, kind_of
 from dmfc.engine.stage import Stage
@@ -80,6 +80,11 @@ def _unused_in_pretraining(config: Config) -> tuple[str, ...]:
     return "finetune", "finetune_seeds", *chosen
 
 
+def _of_every_scene(config: Config) -> ScenesConfig:
+    """Settings that count for each single scene, of any set."""
+    return without(config.scenes, "train", "test", "shard_size", "augmentation")
+
+
 class GraphBuilder:
     """Builds stages from settings; equal settings give stages with equal keys."""
 
@@ -138,6 +143,7 @@ class GraphBuilder:
             return self.stage("grasps", obj.name, taken, hints={"file": str(path)})
         settings = {
             "hand": config.hand,
+            "closing": config.closing,
             "grasps": without(config.grasps, "source", "library"),
             "physics": config.physics,
             # Not losses.q1: a cell that learns with another metric keeps the same labels.
@@ -153,8 +159,8 @@ class GraphBuilder:
             return None
         return library_file(config.hand.name, obj.name, folder)
 
-    def scenes(self, config: Config, split: str) -> tuple[Stage, ...]:
-        """The shards of a scene set."""
+    def scenes(self, config: Config, split: str, labelled: bool = True) -> tuple[Stage, ...]:
+        """The shards of a scene set; the same scenes where they are not labelled with grasps."""
         chosen: SceneSetConfig = (
             config.validation.scenes if split == "validation" else getattr(config.scenes, split)
         )
@@ -166,12 +172,10 @@ class GraphBuilder:
                 f"{setting}.count {chosen.count:,} in shards of {size:,} makes {shards:,} stages, "
                 f"more than {MOST_SHARDS:,}: raise scenes.shard_size"
             )
-        scenes = without(config.scenes, "train", "test", "shard_size", "augmentation")
-        inputs: Inputs = {
-            "hand": self.hand(config),
-            "objects": self.objects(config, split),
-            "grasps": self.grasps(config, split),
-        }
+        scenes = _of_every_scene(config)
+        inputs: Inputs = {"hand": self.hand(config), "objects": self.objects(config, split)}
+        if labelled:
+            inputs["grasps"] = self.grasps(config, split)
         # Training goes on without an object that fails; a test without one is another test.
         tolerant = {"failed_objects": "left out"} if split == "train" else {}
         return tuple(
@@ -181,6 +185,8 @@ class GraphBuilder:
                 {
                     "set": without(chosen, "count"),
                     "scenes": scenes,
+                    # Labels must leave room for the opened hand; no squeeze is involved.
+                    "closing": without(config.closing, "squeeze"),
                     "start": start,
                     "stop": min(start + size, chosen.count),
                     **tolerant,
@@ -240,6 +246,7 @@ class GraphBuilder:
         settings = {
             "row": "model" if trained or checkpoint else model,
             "hand": under.hand,
+            "closing": under.closing,
             "execution": without(under.execution, "protocol", "changes"),
             "physics": under.physics,
         }
@@ -254,7 +261,12 @@ class GraphBuilder:
             inputs["model"] = trained
         if model == "planner":
             inputs["grasps"] = self.grasps(config, "test")
-        shards = self.scenes(config, "test")
+        # Only the planner executes labels. Those of the library cost nothing; where they would have
+        # to be planned, the scenes have none, and the planner's row labels them itself.
+        labelled = all("library" in stage.config for stage in self.grasps(config, "test"))
+        if model == "planner" and not labelled:
+            settings["labels"] = _of_every_scene(config)
+        shards = self.scenes(config, "test", labelled)
         return CellStages(
             trained,
             tuple(

@@ -102,11 +102,11 @@ def _evaluation(ledger: Ledger, stage: Stage) -> Evaluation:
 def input_folders(
     ledger: Ledger, inputs: Mapping[str, Stage | tuple[Stage, ...]]
 ) -> dict[str, Path | list[Path]]:
-    """The folders of finished inputs, by name."""
+    """The folders of finished inputs by name, whole. Raises DamagedError where one is not."""
     return {
-        name: [ledger.folder(item.address) for item in given]
+        name: [ledger.verified(item.address) for item in given]
         if isinstance(given, tuple)
-        else ledger.folder(given.address)
+        else ledger.verified(given.address)
         for name, given in inputs.items()
     }
 
@@ -115,7 +115,7 @@ def _written(
     ledger: Ledger, stage: Stage, scene: int, trial: int, columns: list[str]
 ) -> dict[str, Any]:
     """What the evaluation wrote of a trial."""
-    rows = load_trials(ledger.folder(stage.address)).set_index(["scene", "trial"])
+    rows = load_trials(ledger.verified(stage.address)).set_index(["scene", "trial"])
     return rows.loc[(scene, trial), columns].to_dict()
 
 

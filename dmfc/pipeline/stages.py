@@ -5,27 +5,29 @@ Heavy imports are inside the functions, so that a worker loads only what its sta
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from dmfc.engine.context import StageContext
-from dmfc.engine.ledger import failure_in, read_record
+from dmfc.engine.record import failure_in, read_record
 from dmfc.errors import DmfcError
 from dmfc.files.atomic import write_json
+from dmfc.files.digest import file_digest, json_digest
 from dmfc.pipeline.artifacts import (
     GRASPS,
     HAND,
     OBJECT,
     SCENE_COUNTS,
     SCENES,
+    WEIGHTS,
     Objects,
     load_grasp_sets,
     load_hand,
     load_object,
     load_scenes,
 )
+from dmfc.pipeline.here import require_same, source_here, with_packs
 
 if TYPE_CHECKING:
     from dmfc.execution.evaluate import Evaluation
@@ -33,20 +35,26 @@ if TYPE_CHECKING:
     from dmfc.objects.atlas import ObjectAtlas
 
 
+@with_packs
 def make_hand(ctx: StageContext) -> None:
     """hand: `hand.npz`."""
     from dmfc.hand.build import build_hand
+    from dmfc.hand.description import own_hand_digest
 
+    name = ctx.config["hand"].name
+    require_same(f"hand '{name}'", own_hand_digest(name), ctx.config.get("files", ""))
     build_hand(ctx.config["hand"]).save(ctx.out / HAND)
 
 
+@with_packs
 def prepare_object(ctx: StageContext) -> None:
     """object: `object.npz`. May fail: then a `failure.json` is there instead."""
-    from dmfc.objects.prepare import prepare_to
+    from dmfc.objects.prepare import prepare
 
-    prepare_to(ctx.hints["selector"], ctx.config["prepare"], ctx.out / OBJECT)
+    prepare(source_here(ctx), ctx.config["prepare"]).save(ctx.out / OBJECT)
 
 
+@with_packs
 def plan_grasps(ctx: StageContext) -> None:
     """grasps: `grasps.parquet`; an object that cannot be grasped has an empty set. May fail."""
     if "library" in ctx.config:
@@ -58,7 +66,7 @@ def plan_grasps(ctx: StageContext) -> None:
     (folder,) = whole([ctx.input("object")])
     found = plan(
         load_object(folder),
-        load_hand(ctx.input("hand")),
+        load_hand(ctx.input("hand"), ctx.config["closing"]),
         load_description(ctx.config["hand"].name),
         ctx.config["grasps"],
         ctx.config["physics"],
@@ -73,14 +81,12 @@ def _take_grasps(ctx: StageContext) -> None:
     """Grasps of the library; refused if they were planned for another shape of that name."""
     import shutil
 
-    from dmfc.files.digest import file_digest
     from dmfc.grasps.grasp_set import GraspSet
 
     path = Path(ctx.hints["file"])
-    found = GraspSet.load(path)
     name = ctx.config["object"]
-    if file_digest(path) != ctx.config["library"]:
-        raise DmfcError(f"{path} has changed since the sweep began: run it again")
+    require_same(str(path), file_digest(path), ctx.config["library"])
+    found = GraspSet.load(path)
     # A set from elsewhere does not say which mesh it was made for.
     mesh = found.notes.get("object_digest", ctx.config["digest"])
     if found.object_id != name or mesh != ctx.config["digest"]:
@@ -97,7 +103,7 @@ def _record(folder: Path) -> dict[str, Any]:
 
 
 def make_scenes(ctx: StageContext) -> None:
-    """scenes: `scenes.parquet` and `counts.json`."""
+    """scenes: `scenes.parquet` and `counts.json`; with labels where grasps are given."""
     from dmfc.scenes.make import make_scene_file
 
     given = present if ctx.config.get("failed_objects") == "left out" else whole
@@ -106,8 +112,8 @@ def make_scenes(ctx: StageContext) -> None:
         ctx.config["set"],
         range(ctx.config["start"], ctx.config["stop"]),
         Objects(given(ctx.input_list("objects"))),
-        load_grasp_sets(given(ctx.input_list("grasps"))),
-        load_hand(ctx.input("hand")),
+        load_grasp_sets(given(ctx.input_list("grasps"))) if "grasps" in ctx.inputs else None,
+        load_hand(ctx.input("hand"), ctx.config["closing"]),
         ctx.out / SCENES,
         ctx.progress,
     )
@@ -129,6 +135,7 @@ def finetune(ctx: StageContext) -> None:
     _train(ctx, "finetune", ctx.input("weights"))
 
 
+@with_packs
 def evaluate(ctx: StageContext) -> None:
     """evaluate: `trials.parquet` and `diversity.parquet` of a shard of test scenes."""
     from dmfc.execution.evaluate import evaluate_shard
@@ -144,6 +151,7 @@ def evaluation_of(
 ) -> Evaluation:
     """What an evaluation stage executes, from its settings and the folders of its inputs."""
     from dmfc.execution.evaluate import Evaluation
+    from dmfc.files.digest import file_digest
     from dmfc.hand.description import load_description
     from dmfc.network.checkpoint import load_network
 
@@ -158,20 +166,20 @@ def evaluation_of(
         return whole(folders)
 
     row = config["row"]
-    hand = dataclasses.replace(
-        load_hand(one("hand")),
-        opening=config["hand"].opening,
-        squeeze=config["hand"].squeeze,
-    )
+    hand = load_hand(one("hand"), config["closing"])
     network = None
     if row == "model":
-        weights = Path(hints["weights"]) if "weights" in config else one("model")
-        network = load_network(weights, hand)
+        folder = one("model") if "weights" not in config else Path(hints["weights"])
+        if "weights" in config:
+            path = folder / WEIGHTS
+            require_same(str(path), file_digest(path), config["weights"])
+        network = load_network(folder, hand)
     return Evaluation(
         row=row,
         scenes=load_scenes([one("scenes")]),
         objects=Objects(several("objects")),
         grasps=load_grasp_sets(several("grasps")) if row == "planner" else None,
+        labels=config.get("labels"),
         network=network,
         hand=hand,
         description=load_description(config["hand"].name),
@@ -232,12 +240,12 @@ def _train(ctx: StageContext, stage: Literal["pretrain", "finetune"], weights: P
 
 
 def check_own_losses(digests: Mapping[str, str]) -> None:
-    """Raises DmfcError where the file of a user's loss is not the one that the stage's key says."""
+    """Raises MachineError where the file of a user's loss is not that of the stage's key."""
     from dmfc.config.custom_function import own_function
 
     for text, digest in digests.items():
-        if own_function(text, "losses.own").digest != digest:
-            raise DmfcError(f"losses.own: the file of '{text}' has changed since: run it again")
+        found = own_function(text, "losses.own").digest
+        require_same(f"losses.own: the file of '{text}'", found, digest)
 
 
 def training_geometry(
@@ -257,11 +265,8 @@ def training_geometry(
 
 def data_digest(inputs: Mapping[str, Path | list[Path]]) -> str:
     """SHA-256 of the recorded digests of all files that a stage is given."""
-    import hashlib
-    import json
-
     folders = {
         name: [given] if isinstance(given, Path) else given for name, given in inputs.items()
     }
     files = {name: [read_record(f).get("files") for f in found] for name, found in folders.items()}
-    return hashlib.sha256(json.dumps(files, sort_keys=True).encode()).hexdigest()
+    return json_digest(files)

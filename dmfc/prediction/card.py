@@ -9,7 +9,7 @@ from typing import Any
 from omegaconf import OmegaConf
 
 from dmfc.config.interpolation import refuse_interpolation
-from dmfc.engine.digest import RECORD
+from dmfc.engine.record import RECORD
 from dmfc.network.model_files import CONFIG, SUMMARY
 
 UNMEASURED = "This model was not evaluated."

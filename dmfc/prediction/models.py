@@ -6,10 +6,10 @@ stage leaves them) and `README.md`, its card. `dmfc/models/default.txt` names th
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 
 from dmfc.errors import DmfcError, unknown_name
+from dmfc.files.atomic import write_bytes, write_text
 from dmfc.network.model_files import CONFIG, WEIGHTS
 
 SHIPPED = Path(__file__).resolve().parents[1] / "models"
@@ -58,8 +58,8 @@ def export_model(stage: Path, out: Path, default: bool = False, measured: str = 
     card = model_card(stage, out.name, measured)
     out.mkdir(parents=True, exist_ok=True)
     for name in (WEIGHTS, CONFIG):
-        shutil.copyfile(stage / name, out / name)
-    (out / CARD).write_text(card)
+        write_bytes(out / name, (stage / name).read_bytes())
+    write_text(out / CARD, card)
     if default:
-        (out.parent / DEFAULT).write_text(f"{out.name}\n")
+        write_text(out.parent / DEFAULT, f"{out.name}\n")
     return out

@@ -19,10 +19,10 @@ from dmfc.hand.description import load_description
 from dmfc.network.checkpoint import load_alone
 from dmfc.network.inference import predict
 from dmfc.network.model import DmfcGraspNet
-from dmfc.prediction.checks import CheckedCloud, check_cloud, require_points
 from dmfc.prediction.models import model_folder
 from dmfc.prediction.ranked import RankedGrasps
 from dmfc.prediction.table_plane import find_table
+from dmfc.sensing.check_cloud import CheckedCloud, check_cloud, require_points
 
 if TYPE_CHECKING:
     from dmfc.prediction.cloud_check import CloudCheck
@@ -70,8 +70,8 @@ class GraspPlanner:
     ) -> RankedGrasps:
         """Grasps of the objects whose surface `points` [N, 3] are, in the same frame, in metres.
 
-        `unit` of the points: m, cm or mm. `up` [3]: against gravity, in the cloud's frame; it may
-        lie anywhere. `table`: what to do about a table in the cloud: refuse, remove or keep.
+        `unit` of the points: m, cm, mm or inch. `up` [3]: against gravity, in the cloud's frame,
+        which may lie anywhere. `table`: what to do about one in the cloud: refuse, remove or keep.
         `check`: leave out grasps that the points or the table are in the way of, which is taken to
         be where the lowest point is (`CloudCheck`); the first time it builds the hand's model.
         At most one grasp per point, so 512 in all. Raises DmfcError as `check_cloud` does, and
@@ -81,7 +81,9 @@ class GraspPlanner:
         cloud = check_cloud(points, unit, drop_invalid)
         cloud = _without_table(cloud, R_scene_cloud[2], table)
         chosen = cloud[choose(len(cloud.points), POINTS, np.random.default_rng(0))]
-        seen = chosen.points @ R_scene_cloud.T
+        # About their centre in float64: the network's float32 loses a map's coordinates.
+        centre = chosen.points.mean(0) @ R_scene_cloud.T * self._moved
+        seen = chosen.points @ R_scene_cloud.T - centre
         with with_compiled_loops(self.compiled):
             found = predict(self.net, seen)
         point = chosen.rows[found.seed_index]
@@ -90,7 +92,7 @@ class GraspPlanner:
             height = np.array([0.0, 0.0, seen[:, 2].min()])  # of the table
             T_table_palm = transform(found.rotation[once], found.position[once] - height)
             once = once[self._cloud_check.clear(T_table_palm, found.joints[once], seen - height)]
-        grasps = found[once].in_frame(transform(R_scene_cloud.T, np.zeros(3)))
+        grasps = found[once].in_frame(transform(R_scene_cloud.T, R_scene_cloud.T @ centre))
         return RankedGrasps(
             grasps.position,
             grasps.rotation,
@@ -101,6 +103,11 @@ class GraspPlanner:
             self.hand,
             self.model,
         )
+
+    @property
+    def _moved(self) -> np.ndarray:
+        """[3] 1 along the axes on which the network's answer moves with the cloud."""
+        return np.array([1.0, 1.0, 0.0 if self.net.config.height_feature else 1.0])
 
     @cached_property
     def _cloud_check(self) -> CloudCheck:

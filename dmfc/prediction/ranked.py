@@ -9,7 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from dmfc.errors import DmfcError
 from dmfc.grasps.grasps import Grasps
+
+FINEST = 0.0005
+"""Metres: a grasp set keeps positions at least so finely."""
 
 
 @dataclass(frozen=True)
@@ -62,9 +66,16 @@ class RankedGrasps(Grasps):
 
         Q1, penetration, robustness and contacts were not measured and are NaN. Rows keep their
         order; the notes `confidence` and `point` hold a number for each, with spaces between.
+        Raises DmfcError where they lie too far from the origin for a grasp set.
         """
         from dmfc.grasps.grasp_set import GraspSet
 
+        farthest = np.abs(self.T_cloud_palm[:, :3, 3]).max(initial=0.0)
+        if np.spacing(np.float32(farthest)) > FINEST:
+            raise DmfcError(
+                f"the grasps lie {farthest:.3g} m from the origin, where a grasp set's float32 "
+                "loses a millimetre: subtract an offset from the cloud, or take them as JSON"
+            )
         count, unknown = len(self), np.full(len(self), np.nan)
         GraspSet(
             object_id=object_id,

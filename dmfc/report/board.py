@@ -14,6 +14,7 @@ from dmfc.engine.ledger import Ledger
 from dmfc.engine.stage import Stage
 from dmfc.engine.watch import Progress, duration
 from dmfc.engine.worker import Job, Outcome
+from dmfc.files.sealed import DamagedError
 from dmfc.pipeline.artifacts import load_trials
 from dmfc.report.rates import Rate
 from dmfc.sweep.record import SweepRecord
@@ -71,7 +72,13 @@ class Board(Progress):
     def _add(self, line: _Line, address: str) -> None:
         line.done.add(address)
         if address.startswith("evaluate/"):
-            rows = load_trials(self._ledger.folder(address), ["held"])
+            try:
+                folder = self._ledger.verified(address)
+            except DamagedError as error:  # the table will not be made; the rest may be
+                self._console.print(str(error), style="red", markup=False, soft_wrap=True)
+                line.failed = True
+                return
+            rows = load_trials(folder, ["held"])
             line.held += int(rows["held"].sum())
             line.trials += len(rows)
 

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import shlex
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from dmfc.engine.ledger import Ledger
+from dmfc.engine.provenance import read_provenance
 from dmfc.errors import DmfcError, unknown_name
-from dmfc.files.atomic import write_json
+from dmfc.files.atomic import write_json, write_text, written_whole
+from dmfc.files.sealed import DamagedError
 from dmfc.pipeline.artifacts import TRIALS, load_trials
 from dmfc.report.formats import to_csv, to_json, to_latex, to_markdown
+from dmfc.report.left_out import left_out
+from dmfc.report.outputs import note_outputs
 from dmfc.report.rates import concatenate
 from dmfc.report.table import CellRows, SweepTable, make_table
 from dmfc.report.trials import SearchTrial, read_trials, trials_to_csv
@@ -45,6 +51,22 @@ def read_sweep(ledger: Ledger, sweep_id: str) -> SweepRecord:
     return SweepRecord.load(folder)
 
 
+def sweeps_using(ledger: Ledger, addresses: Collection[str]) -> list[str]:
+    """The lines of the latest calls of the sweeps that need one of those stages.
+
+    Of a sweep whose record is damaged too: its line writes it again.
+    """
+    lines = []
+    for sweep_id in list_sweeps(ledger):
+        try:
+            needed = set(addresses) & read_sweep(ledger, sweep_id).stages.keys()
+        except DamagedError:
+            needed = set(addresses)
+        calls = read_provenance(ledger.store / "sweeps" / sweep_id) if needed else []
+        lines += [shlex.join(["dmfc", *call["command"]]) for call in calls[-1:]]
+    return list(dict.fromkeys(lines))
+
+
 def collect(
     ledger: Ledger, sweep: SweepRecord, failures: Mapping[str, str] | None = None
 ) -> list[CellRows]:
@@ -58,7 +80,8 @@ def table_of(
 ) -> SweepTable:
     """The table of a sweep from what is in the ledger."""
     trials = read_trials(ledger, sweep, failures or {})
-    return table_from(collect(ledger, sweep, failures), sweep, trials)
+    table = table_from(collect(ledger, sweep, failures), sweep, trials)
+    return replace(table, left_out=left_out(ledger, sweep.stages))
 
 
 def table_from(
@@ -87,12 +110,15 @@ def write_table(ledger: Ledger, table: SweepTable, rows: list[CellRows]) -> list
     paths = []
     for name, text in names.items():
         path = folder / name
-        path.write_text(text, encoding="utf-8")
+        write_text(path, text)
         paths.append(path)
     write_json(folder / "table.json", to_json(table))
     parts = [cell.rows.assign(cell=cell.name, seed=cell.seed) for cell in rows if len(cell.rows)]
-    concatenate(parts).to_parquet(folder / TRIALS, index=False)
-    return [*paths, folder / "table.json", folder / TRIALS]
+    with written_whole(folder / TRIALS) as temporary:
+        concatenate(parts).to_parquet(temporary, index=False)
+    paths += [folder / "table.json", folder / TRIALS]
+    note_outputs(folder, [path.name for path in paths])
+    return paths
 
 
 def cell_rows(ledger: Ledger, cell: CellRecord, failures: Mapping[str, str]) -> CellRows:
@@ -100,7 +126,7 @@ def cell_rows(ledger: Ledger, cell: CellRecord, failures: Mapping[str, str]) -> 
     parts, missing = [], []
     for address in cell.evaluations:
         if ledger.finished(address):
-            parts.append(load_trials(ledger.folder(address)))
+            parts.append(load_trials(ledger.verified(address)))
         else:
             missing.append(failures.get(address, "not run yet"))
     failure = ""

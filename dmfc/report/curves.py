@@ -27,7 +27,7 @@ def draw_curves(ledger: Ledger, sweep: SweepRecord, path: Path) -> bool:
             stage = address.partition("/")[0]
             shared = stage == "pretrain"
             name = "all cells" if shared else cell.label
-            points = _losses(ledger.folder(address))
+            points = _losses(ledger.verified(address))
             curves[stage].setdefault(address, (f"{name}, seed {cell.seed}", points))
     panels = [stage for stage in STAGES if curves[stage]]
     if not panels:

@@ -11,6 +11,7 @@ from typing import Any
 from rich.table import Table
 from rich.text import Text
 
+from dmfc.report.left_out import left_out_line
 from dmfc.report.rates import Rate
 from dmfc.report.table import NAMES, SweepTable, TableRow
 from dmfc.report.trials import trial_lines
@@ -33,6 +34,7 @@ def to_markdown(table: SweepTable) -> str:
         for name in table.show:
             cells += [rate_text(row.rate(name)), paper_text(row, name)]
         lines.append(_markdown_row(cells))
+    lines += ["", left_out_line(table.left_out)]
     for row in table.rows:
         if row.failure:
             lines += ["", f"**{_markdown(row.label)}: incomplete.** {_markdown(row.failure)}"]
@@ -53,7 +55,8 @@ def to_csv(table: SweepTable) -> str:
         head += [f"{name}{suffix}" for suffix in ("", "_n", "_se", "_low", "_high")]
         head += [f"paper_{name}", f"paper_{name}_se"]
     writer = csv.writer(out, lineterminator="\n")
-    writer.writerow([*head, "failure"])
+    writer.writerow([*head, "failure", "left_out"])
+    left_out = "; ".join(f"{name}: {reason}" for name, reason in table.left_out.items())
     for row in table.rows:
         line: list[Any] = [row.name, row.label, row.seeds, row.trials]
         for name in NAMES:
@@ -61,7 +64,7 @@ def to_csv(table: SweepTable) -> str:
             low, high = rate.interval or (None, None)
             line += [_number(rate.value), rate.trials, _number(rate.standard_error)]
             line += [_number(low), _number(high), *row.paper.get(name, ("", ""))]
-        writer.writerow([*line, row.failure])
+        writer.writerow([*line, row.failure, left_out])
     return out.getvalue()
 
 
@@ -69,6 +72,7 @@ def to_latex(table: SweepTable) -> str:
     """A `tabular` for booktabs: ours with the interval, the paper's in brackets."""
     lines = [
         f"% {_one_line(table.title)}; sweep {table.id}, preset {table.preset}",
+        f"% {_one_line(left_out_line(table.left_out))}",
         rf"\begin{{tabular}}{{lr{'l' * len(table.show)}}}",
         r"\toprule",
         " & ".join(["model", "$n$", *table.show]) + r" \\",
@@ -89,6 +93,7 @@ def to_json(table: SweepTable) -> dict[str, Any]:
         "title": table.title,
         "preset": table.preset,
         "cells": {row.name: _json_row(row) for row in table.rows},
+        "left_out": dict(table.left_out),
         "search": {trial.name: dataclasses.asdict(trial) for trial in table.trials},
     }
 

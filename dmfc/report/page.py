@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import json
 import shlex
 import tempfile
 from collections.abc import Mapping, Sequence
@@ -15,12 +14,16 @@ from typing import Any
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.provenance import VECTOR_FLAGS, read_provenance
 from dmfc.engine.stage import differences
-from dmfc.engine.state import read_state
+from dmfc.engine.state import SEALED_VERSION, read_state
 from dmfc.errors import DmfcError, masked
+from dmfc.files.atomic import write_text
+from dmfc.files.sealed import read_or_replace
 from dmfc.report.curves import draw_curves
 from dmfc.report.failures import draw_failures
 from dmfc.report.figure import draw_rates
 from dmfc.report.formats import paper_text, rate_text
+from dmfc.report.left_out import left_out_line
+from dmfc.report.outputs import note_outputs
 from dmfc.report.paired import compare
 from dmfc.report.rates import CONFIDENCE, Rate, concatenate
 from dmfc.report.table import NAMES, CellRows, SweepTable, TableRow
@@ -46,8 +49,7 @@ def write_page(
 ) -> Path:
     """Write `table.html` with `figures` (of `draw_figures`) into the sweep's folder."""
     folder = ledger.store / "sweeps" / table.id
-    marker = folder / MARKER
-    tracked = json.loads(marker.read_text()) if marker.is_file() else {}
+    tracked = read_marker(folder)
     base = next(row for row in table.rows if row.name == sweep.baseline)
     text = _template().render(
         table=table,
@@ -56,6 +58,7 @@ def write_page(
         rows=[_row(row, base, table, cells, tracked) for row in table.rows],
         tracked=bool(tracked),
         served=_server(tracked) == UI,
+        left_out=left_out_line(table.left_out),
         has_paper=any(row.paper for row in table.rows),
         figures=figures,
         trials=_searched(table, list(dict.fromkeys(cell.seed for cell in cells)), tracked),
@@ -65,8 +68,14 @@ def write_page(
         settings=_settings(sweep),
     )
     path = folder / PAGE
-    path.write_text(text, encoding="utf-8")
+    write_text(path, text)
+    note_outputs(folder, [PAGE])
     return path
+
+
+def read_marker(folder: Path) -> dict[str, Any]:
+    """Where tracking has the sweep of that folder; empty if nowhere, or if that is damaged."""
+    return read_or_replace(folder / MARKER, SEALED_VERSION) or {}
 
 
 def draw_figures(ledger: Ledger, sweep: SweepRecord, table: SweepTable) -> list[dict[str, str]]:
@@ -79,6 +88,7 @@ def draw_figures(ledger: Ledger, sweep: SweepRecord, table: SweepTable) -> list[
         drawn.append(("Trials of the search: objective by setting", folder / "search.png"))
     if draw_curves(ledger, sweep, folder / "curves.png"):
         drawn.append(("Training loss per epoch", folder / "curves.png"))
+    note_outputs(folder, [path.name for _, path in drawn])
     with tempfile.TemporaryDirectory() as temporary:
         path = Path(temporary) / "reasons.png"
         draw_failures(table, path)

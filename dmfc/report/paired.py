@@ -72,6 +72,9 @@ def compare(a: pd.DataFrame, b: pd.DataFrame) -> Comparison:
 def _held(rows: pd.DataFrame) -> pd.Series:
     """1.0 or 0.0 per trial, in the order of their numbers; rows of one seed need not say which."""
     table = rows if "seed" in rows else rows.assign(seed=0)
+    missing = {*TRIAL, "held", "planned"} - set(table)
+    if missing:
+        raise DmfcError(f"these are no trial rows: no column {', '.join(sorted(missing))}")
     if table.duplicated(TRIAL).any():
         raise DmfcError("a trial is there twice: choose one cell of the table")
     held = (table["held"].astype(bool) & table["planned"].astype(bool)).astype(float)

@@ -59,6 +59,8 @@ class SweepTable:
     """Rates that a person is shown; files for machines have all."""
     trials: tuple[SearchTrial, ...] = ()
     """Of a search, in the order in which they were suggested."""
+    left_out: Mapping[str, str] = field(default_factory=dict)
+    """Training objects that models were trained without, and why."""
 
 
 def make_table(

@@ -12,11 +12,12 @@ import numpy as np
 from scipy.spatial import ConvexHull, cKDTree
 
 from dmfc.config.scenes import ScenesConfig
-from dmfc.errors import DmfcError, first_line
+from dmfc.errors import DmfcError
 from dmfc.geometry.points import choose
-from dmfc.objects.sources import UNITS
 from dmfc.scenes.scene_set import Scene, write_shard
 from dmfc.sensing.cameras import table_cameras
+from dmfc.sensing.check_cloud import answered, check_extent, require_points
+from dmfc.sensing.read_cloud import read_cloud
 
 _NEIGHBOURS = 16
 """Points whose plane gives a normal."""
@@ -24,35 +25,6 @@ _INVERSION = 30.0
 """Radius about a camera in which a cloud is inverted, of the distance of its farthest point."""
 _BELOW = 0.02
 """Metres below the table top that errors of a camera explain."""
-SUFFIXES = (".npy", ".ply", ".xyz", ".txt", ".csv")
-
-
-def read_cloud(path: Path, unit: str = "m") -> np.ndarray:
-    """Points [n, 3], metres, of an array file (.npy), a .ply or a text file of x y z ... per line.
-
-    Raises DmfcError if it holds no such points.
-    """
-    if unit not in UNITS:
-        raise DmfcError(f"unknown unit '{unit}' (choices: {', '.join(UNITS)})")
-    suffix = path.suffix.lower()
-    if suffix not in SUFFIXES:
-        raise DmfcError(f"{path}: no cloud file (of {' '.join(SUFFIXES)})")
-    try:
-        if suffix == ".npy":
-            values = np.load(path, allow_pickle=False)
-        elif suffix == ".ply":
-            import trimesh
-
-            values = trimesh.load(path, process=False).vertices  # type: ignore[attr-defined]
-        else:
-            values = np.loadtxt(path, delimiter="," if suffix == ".csv" else None, ndmin=2)
-        points = np.asarray(values, dtype=np.float64)
-    except (OSError, ValueError, AttributeError) as error:
-        raise DmfcError(f"cloud {path} cannot be read: {first_line(error)}") from error
-    if points.ndim != 2 or points.shape[1] < 3 or not len(points):
-        raise DmfcError(f"cloud {path} holds {points.shape} numbers, not points x y z")
-    points = points[:, :3] * UNITS[unit]
-    return points[np.isfinite(points).all(1)]  # cameras write NaN where they see nothing
 
 
 def cloud_scene(points: np.ndarray, number: int, config: ScenesConfig, seed: int = 0) -> Scene:
@@ -108,18 +80,31 @@ def _visible(points: np.ndarray, camera: np.ndarray) -> np.ndarray:
 
 
 def import_clouds(
-    paths: Sequence[Path], out: Path, config: ScenesConfig, unit: str = "m", above: float = -np.inf
+    paths: Sequence[Path],
+    out: Path,
+    config: ScenesConfig,
+    unit: str = "m",
+    above: float = -np.inf,
+    drop_invalid: bool = False,
 ) -> int:
-    """Write clouds as the shard `out`, in their order; points below z = `above` are left out."""
+    """Write clouds as the shard `out`, in their order; points below z = `above` are left out.
+
+    Raises DmfcError, before anything is written, where one of them is no cloud of things on a
+    table; points without an answer are refused unless they are dropped (`check_cloud`).
+    """
     scenes = []
     for number, path in enumerate(paths):
-        points = read_cloud(path, unit)
-        points = points[points[:, 2] >= above]
+        points = read_cloud(path)
         try:
-            _check_frame(points, config.table_size)
-            scenes.append(cloud_scene(points, number, config))
+            found = answered(points, unit, drop_invalid)
+            found = found[found.points[:, 2] >= above]
+            require_points(found, f"{len(points) - len(found.points)} were left out")
+            check_extent(found.points, unit)
+            _check_frame(found.points, config.table_size)
+            scenes.append(cloud_scene(found.points, number, config))
         except DmfcError as error:
             raise DmfcError(f"cloud {path}: {error}") from error
+    out.parent.mkdir(parents=True, exist_ok=True)
     manifest = {
         "set": {},
         "scenes": {"points": config.points, "table_size": config.table_size},
@@ -135,8 +120,6 @@ def import_clouds(
 
 def _check_frame(points: np.ndarray, table_size: float) -> None:
     """Raises DmfcError for points [n, 3] that are not on the table: a wrong unit or frame."""
-    if not len(points):
-        raise DmfcError("it has no points there (option --above)")
     beside = float(np.abs(points[:, :2]).max())
     if beside > table_size / 2:
         raise DmfcError(

@@ -18,6 +18,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from dmfc.errors import DmfcError, first_line
+from dmfc.files.atomic import written_whole
 from dmfc.files.storage import located
 
 VERSION = 2
@@ -80,12 +81,10 @@ def write_shard(path: Path, scenes: Iterable[Scene], manifest: Mapping[str, Any]
     table = pa.Table.from_pylist(columns, schema=_SCHEMA)
     text = json.dumps(manifest, sort_keys=True)
     table = table.replace_schema_metadata({_KIND: str(VERSION), _MANIFEST: text})
-    partial = path.with_name(path.name + ".partial")
     try:
-        pq.write_table(table, partial, compression="zstd", use_dictionary=False)
-        partial.replace(path)
+        with written_whole(path) as temporary:
+            pq.write_table(table, temporary, compression="zstd", use_dictionary=False)
     except OSError as error:
-        partial.unlink(missing_ok=True)
         raise DmfcError(f"scene shard {path} cannot be written: {error}") from error
 
 

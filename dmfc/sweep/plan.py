@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from dmfc.config.presets import Presets, preset_title
 from dmfc.config.schema import Config
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.stage import Stage, closure, plain
 from dmfc.errors import masked
+from dmfc.files.digest import json_digest
 from dmfc.pipeline.graph import CellStages, GraphBuilder
 from dmfc.sweep.record import CellRecord, DataRecord, SearchRecord, SweepRecord
 from dmfc.sweep.sweep_file import Cell, Sweep, cell_config
@@ -45,7 +45,7 @@ class SweepPlan:
     """Everything a sweep will compute; of a search, what is known of it yet."""
 
     sweep: Sweep
-    preset: str | None
+    preset: Presets | None
     cells: tuple[CellPlan, ...]
     identity: Any = None
     """What the id is made of; None: the cells."""
@@ -60,8 +60,7 @@ class SweepPlan:
     def id(self) -> str:
         """Name and a hash of what it computes: the same sweep has the same id on any machine."""
         identity = self.identity or [plan.identity for plan in self.cells]
-        text = json.dumps(identity, sort_keys=True)
-        return f"{self.sweep.name}-{hashlib.sha256(text.encode()).hexdigest()[:10]}"
+        return f"{self.sweep.name}-{json_digest(identity)[:10]}"
 
     @property
     def targets(self) -> list[Stage]:
@@ -94,7 +93,7 @@ class SweepPlan:
             name=self.sweep.name,
             title=self.sweep.title,
             file=str(self.sweep.path),
-            preset=self.preset,
+            preset=preset_title(self.preset),
             baseline=self.sweep.baseline,
             show=tuple(self.sweep.show),
             cells=tuple(_cell_record(plan) for plan in self.cells),
@@ -108,7 +107,7 @@ def plan_cell(
     cell: Cell,
     seed: int,
     builder: GraphBuilder,
-    preset: str | None,
+    preset: Presets | None,
     overrides: Sequence[str],
 ) -> CellPlan:
     """Resolve one cell at one seed."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from dmfc.config.presets import Presets
 from dmfc.engine.ledger import Ledger
 from dmfc.pipeline.graph import GraphBuilder
 from dmfc.sweep.plan import SweepPlan, plan_cell
@@ -14,7 +15,7 @@ from dmfc.sweep.sweep_file import Sweep
 def plan_sweep(
     sweep: Sweep,
     builder: GraphBuilder,
-    preset: str | None,
+    preset: Presets | None,
     overrides: Sequence[str] = (),
     ledger: Ledger | None = None,
 ) -> SweepPlan:

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from dmfc.errors import DmfcError, first_line
-from dmfc.files.atomic import write_json
+from dmfc.files.sealed import DamagedError, read_sealed, write_sealed
 
 SWEEP = "sweep.json"
-VERSION = 1
+VERSION = 2
+"""Since which it holds its own digest."""
 
 
 @dataclass(frozen=True)
@@ -104,20 +104,24 @@ class SweepRecord:
 
     def to_json(self) -> dict[str, Any]:
         """As it is written; `search` is left out of a sweep that is none."""
-        values = {"version": VERSION, **dataclasses.asdict(self)}
+        values = {**dataclasses.asdict(self), "version": VERSION}
         return {name: value for name, value in values.items() if name != "search" or value}
 
     def save(self, folder: Path) -> None:
         """Write `sweep.json` into the sweep's folder, which is made."""
         folder.mkdir(parents=True, exist_ok=True)
-        write_json(folder / SWEEP, self.to_json())
+        write_sealed(folder / SWEEP, VERSION, self.to_json())
 
     @classmethod
     def load(cls, folder: Path) -> SweepRecord:
-        """Read what `save` wrote. Raises DmfcError on one line for a file of another version."""
+        """Read what `save` wrote. Raises DmfcError on one line where that is damaged."""
         path = folder / SWEEP
         try:
-            return cls.of_json(json.loads(path.read_text()))
+            return cls.of_json(read_sealed(path, VERSION))
+        except DamagedError as error:
+            raise DamagedError(
+                f"{error}: run the same `dmfc sweep` again, which writes it"
+            ) from error
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             raise DmfcError(
                 f"'{path}' is no record of a sweep that this version of dmfc reads "
@@ -129,7 +133,7 @@ class SweepRecord:
         """The record of `to_json`. Raises ValueError, KeyError or TypeError for anything else."""
         rest = dict(values)
         version = rest.pop("version")
-        if version != VERSION:
+        if version not in (1, VERSION):
             raise ValueError(f"version {version}, not {VERSION}")
         cells = tuple(_cell(cell) for cell in rest.pop("cells"))
         search = rest.pop("search", None)

@@ -124,7 +124,7 @@ def suggest(
 
 def measures_of(ledger: Ledger, model: str) -> dict[str, float]:
     """What the last validation of a finished model measured, by name."""
-    lines = load_metrics(ledger.folder(model))
+    lines = load_metrics(ledger.verified(model))
     last = [line for line in lines if line["split"] == "val"][-1:]
     return {name: float(line[name]) for line in last for name in MEASURES if name in line}
 

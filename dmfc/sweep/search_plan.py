@@ -5,12 +5,14 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Collection, Mapping, Sequence
 
+from dmfc.config.presets import Presets
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.stage import plain
 from dmfc.errors import DmfcError
+from dmfc.files.sealed import read_or_replace
 from dmfc.pipeline.graph import GraphBuilder
 from dmfc.sweep.plan import CellPlan, SweepPlan, plan_cell
-from dmfc.sweep.record import SWEEP, SearchRecord, SweepRecord
+from dmfc.sweep.record import SWEEP, VERSION, SearchRecord, SweepRecord
 from dmfc.sweep.search import Settings, objective_of, suggest
 from dmfc.sweep.sweep_file import BEST, Cell, Sweep, cell_config
 
@@ -25,7 +27,7 @@ class SearchPlanner:
         self,
         sweep: Sweep,
         builder: GraphBuilder,
-        preset: str | None,
+        preset: Presets | None,
         overrides: Sequence[str],
         ledger: Ledger,
     ) -> None:
@@ -132,8 +134,9 @@ def trial_name(number: int) -> str:
 
 def _written(plan: SweepPlan, ledger: Ledger) -> list[Settings]:
     """The trials that an earlier call has begun."""
+    # Where the plan is damaged, the same trials are suggested again, one round after the other.
     folder = plan.folder(ledger)
-    if not (folder / SWEEP).is_file():
+    if read_or_replace(folder / SWEEP, VERSION) is None:
         return []
     search = SweepRecord.load(folder).search
     return list(search.trials) if search else []

@@ -4,7 +4,7 @@
     title: One object, random pose
     base: {scenes.test.kind: single}
     presets:
-      paper: {scenes.train.count: 1000}
+      full: {scenes.train.count: 1000}
     seeds: [0]
     table: {baseline: all, show: [success, overall]}
     cells:
@@ -14,7 +14,7 @@
         set: {losses.weights.q1_upper: 1}
         paper: {valid: [0.82, 0.02], success: [0.68, 0.02], overall: [0.56, 0.02]}
 
-Settings are laid over each other in this order: defaults, preset, `base`, `presets.<preset>`,
+Settings are laid over each other in this order: defaults, presets, `base`, `presets.<preset>`,
 what the command line sets, the cell's `set`. Rows for the planner and for random grasps are always
 added. `matrix` (see `dmfc.sweep.matrix`) adds combinations to the cells or stands in their place;
 `kind: search` with a `search` (see `dmfc.sweep.search`) adds trials as they are suggested.
@@ -34,12 +34,12 @@ from dmfc.config.load import (
     build_config,
     checked,
     parse_override,
-    preset_overlay,
-    shipped_file,
 )
 from dmfc.config.plain_yaml import read_yaml
+from dmfc.config.presets import Presets, preset_layers, preset_names
 from dmfc.config.schema import Config
 from dmfc.config.setting import GREATEST_SEED
+from dmfc.config.shipped import check_renamed, shipped_file
 from dmfc.errors import DmfcError, unknown_name
 from dmfc.sweep.matrix import MOST_CELLS, expand
 from dmfc.sweep.search import Search, parse_search
@@ -132,14 +132,18 @@ RANDOM_ROW = Cell("random", "random (floor)", "random")
 
 
 def cell_config(
-    sweep: Sweep, cell: Cell, seed: int, preset: str | None, overrides: Sequence[str]
+    sweep: Sweep, cell: Cell, seed: int, presets: Presets | None, overrides: Sequence[str]
 ) -> Config:
     """The settings of one cell at one seed, checked; errors name the file and the cell."""
-    overlays = [preset_overlay(preset)] if preset else []
+    overlays = [(str(layer.path), layer.values) for layer in preset_layers(presets)]
     overlays.append((f"{sweep.path}: base", sweep.base))
-    additions = sweep.presets.get(Path(preset or "").stem)
-    if additions:
-        overlays.append((f"{sweep.path}: presets.{Path(preset or '').stem}", additions))
+    # Of the presets that are named, not of those that they extend: these have sizes of their own.
+    names = [Path(name).stem for name in preset_names(presets)]
+    overlays += [
+        (f"{sweep.path}: presets.{name}", sweep.presets[name])
+        for name in names
+        if name in sweep.presets
+    ]
     overlays += [parse_override(text) for text in overrides]
     overlays.append((f"{sweep.path}: cell '{cell.name}'", cell.settings))
     config = build_config(overlays)
@@ -237,6 +241,8 @@ def _shown(given: Any, where: str) -> tuple[str, ...]:
 
 
 def _presets(given: Any, where: str) -> dict[str, Mapping[str, Any]]:
+    for name in mapping(given, where):
+        check_renamed("configs", str(name), f"{where}: preset")
     return {
         str(name): _settings(value, f"{where}.{name}")
         for name, value in mapping(given, where).items()

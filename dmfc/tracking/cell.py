@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,11 +13,12 @@ from typing import Any
 import yaml
 
 from dmfc.engine.context import read_attempt, read_progress
-from dmfc.engine.digest import RECORD
 from dmfc.engine.ledger import Ledger
+from dmfc.engine.record import RECORD
 from dmfc.engine.state import SweepState
 from dmfc.engine.system import SAMPLES, read_lines
 from dmfc.errors import DmfcError
+from dmfc.files.digest import json_digest, text_digest
 from dmfc.pipeline.artifacts import METRICS, SUMMARY, TRIALS
 from dmfc.report.collect import cell_rows
 from dmfc.report.rates import rates
@@ -47,7 +47,7 @@ class DataSet:
     @property
     def digest(self) -> str:
         """Hash of the keys of its shards; MLflow takes 36 characters."""
-        return hashlib.sha256("\n".join(self.stages).encode()).hexdigest()[:32]
+        return text_digest("\n".join(self.stages))[:32]
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class CellContent:
         files = [[path.parts[-3:], where] for path, where in self.files]
         data = [[item.name, item.context, item.digest] for item in self.data]
         shown = [self.status, self.params, self.metrics, self.tags, self.texts, files, data]
-        return hashlib.sha256(json.dumps(shown, sort_keys=True).encode()).hexdigest()
+        return json_digest(shown)
 
 
 def cell_content(ledger: Ledger, cell: CellRecord, state: SweepState) -> CellContent:
@@ -162,7 +162,7 @@ def _params(config: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
 def _lines(ledger: Ledger, address: str, name: str) -> list[dict[str, Any]]:
     """The lines of a stage's file: finished, or still being written."""
     finished = ledger.finished(address)
-    path = (ledger.folder(address) if finished else ledger.work(address)) / name
+    path = (ledger.verified(address) if finished else ledger.work(address)) / name
     try:
         return read_lines(path, growing=not finished)
     except json.JSONDecodeError as error:
@@ -201,10 +201,10 @@ def _files(ledger: Ledger, wanted: list[str]) -> Iterator[tuple[Path, str | None
     for _, address in there:
         scenes = ledger.record(address)["inputs"].get("scenes")
         if isinstance(scenes, str):  # the shard that an evaluation was made on
-            for picture in sorted(ledger.folder(scenes).glob("*.png")):
+            for picture in sorted(ledger.verified(scenes).glob("*.png")):
                 yield picture, "scenes"
     for place, address in there:
-        folder, where = ledger.folder(address), f"{place:02d}-{address.split('/')[0]}"
+        folder, where = ledger.verified(address), f"{place:02d}-{address.split('/')[0]}"
         for name in (TRIALS, SUMMARY, METRICS, RECORD):
             if (folder / name).is_file():
                 yield folder / name, where

@@ -6,7 +6,6 @@ changes nothing; projecting while a sweep runs shows how it stands.
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,9 +18,10 @@ from dmfc.engine.ledger import Ledger
 from dmfc.engine.provenance import PROVENANCE, VECTOR_FLAGS, read_provenance
 from dmfc.engine.state import SweepState, read_state
 from dmfc.errors import DmfcError, first_line
-from dmfc.files.atomic import write_json
+from dmfc.files.digest import json_digest
+from dmfc.files.sealed import write_sealed
 from dmfc.report.collect import list_sweeps, read_sweep, table_of
-from dmfc.report.page import MARKER
+from dmfc.report.page import MARKER, read_marker
 from dmfc.report.table import NAMES, SweepTable
 from dmfc.sweep.record import SWEEP, SweepRecord
 from dmfc.tracking.cell import ENDED, CellContent, Point, cell_content
@@ -63,8 +63,8 @@ def project_sweep(
     state = read_state(folder)
     contents = [cell_content(ledger, cell, state) for cell in sweep.cells]
     parent = _parent_content(ledger, sweep, state, contents)
-    digest = _digest([VERSION, kept, parent.digest, [content.digest for content in contents]])
-    known = _marker(folder)
+    digest = json_digest([VERSION, kept, parent.digest, [content.digest for content in contents]])
+    known = read_marker(folder)
     if known.get("digest") == digest and _still_there(uri):
         return Tracked(uri, known["experiment_id"], known["run_id"])
     ledger.prepare()
@@ -87,9 +87,9 @@ def project_sweep(
             f"MLflow at '{uri}' was not written: {line} (run.tracking_uri; `dmfc tracking sync` "
             "writes what is missing)"
         ) from error
-    told = {"version": VERSION, "digest": digest, "uri": kept, "status": parent.status}
-    ids = {"experiment_id": writer.experiment_id, "run_id": run_id, "runs": runs}
-    write_json(folder / MARKER, {**told, **ids})
+    told = {"digest": digest, "experiment_id": writer.experiment_id, "run_id": run_id}
+    marker = {**told, "uri": kept, "status": parent.status, "runs": runs}
+    write_sealed(folder / MARKER, VERSION, marker)
     return Tracked(uri, writer.experiment_id, run_id)
 
 
@@ -98,7 +98,7 @@ def project_stale(ledger: Ledger) -> list[str]:
     stale = []
     for sweep_id in list_sweeps(ledger):
         folder = ledger.store / "sweeps" / sweep_id
-        marker, state = _marker(folder), read_state(folder)
+        marker, state = read_marker(folder), read_state(folder)
         if marker and marker.get("status") not in ENDED and state.status in ENDED:
             project_sweep(ledger, sweep_id, _uri_of(marker))
             stale.append(sweep_id)
@@ -197,11 +197,6 @@ def _shown(path: Path) -> bool:
     )
 
 
-def _marker(folder: Path) -> dict[str, Any]:
-    path = folder / MARKER
-    return json.loads(path.read_text()) if path.is_file() else {}
-
-
 def _uri_of(marker: dict[str, Any]) -> str:
     """Where the runs of a sweep are; empty: in the store's own database."""
     uri = str(marker["uri"])
@@ -212,7 +207,3 @@ def _still_there(uri: str) -> bool:
     """Whether a local database is still there; a remote one is taken to be."""
     path = sqlite_path(uri)
     return path is None or path.is_file()
-
-
-def _digest(value: Any) -> str:
-    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()

@@ -58,7 +58,7 @@ def register_best(
             client.set_registered_model_alias(name, ALIAS, version.version)
             return
     run_id = runs[cell.run]
-    client.log_artifacts(run_id, str(ledger.folder(address)), MODEL)
+    client.log_artifacts(run_id, str(ledger.verified(address)), MODEL)
     source = f"{client.get_run(run_id).info.artifact_uri}/{MODEL}"
     tags = {TAG_STAGE: address, "dmfc.sweep": sweep.id, "dmfc.cell": cell.name}
     made = client.create_model_version(name, source, run_id, tags=tags)

@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from pickle import UnpicklingError
 from typing import Any, cast
 
 import torch
 from omegaconf import OmegaConf
 
-from dmfc.errors import DmfcError, first_line
+from dmfc.errors import DmfcError
+from dmfc.files.atomic import written_whole
+from dmfc.files.foreign import reading
 from dmfc.network.model import DmfcGraspNet
 from dmfc.training.batch import Batch
 from dmfc.training.settings import FitConfig
@@ -43,15 +44,14 @@ class Failure:
             "batch": batch.to("cpu").tensors(),
             "weights": {name: value.cpu() for name, value in net.state_dict().items()},
         }
-        torch.save(values, self.file)
+        with written_whole(self.file) as temporary:
+            torch.save(values, temporary)
 
 
 def read_failure(path: Path) -> dict[str, Any]:
     """What `Failure.save` wrote; nothing in it can run code. Raises DmfcError for another file."""
-    try:
+    with reading(path, "a saved batch", "--replay"):
         found = torch.load(path, weights_only=True, map_location="cpu")
-    except (OSError, EOFError, RuntimeError, UnpicklingError) as error:
-        raise DmfcError(f"{path} is no saved batch: {first_line(error)}") from error
     if not isinstance(found, dict) or set(found) != ENTRIES or found["version"] != VERSION:
         raise DmfcError(f"{path} is no batch that this version of dmfc saved")
     return cast(dict[str, Any], found)

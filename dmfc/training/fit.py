@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import json
 import logging
-import os
 import time
 import warnings
 from collections.abc import Callable, Iterator
@@ -19,18 +18,20 @@ from omegaconf import OmegaConf
 from safetensors.torch import save_file
 
 from dmfc.errors import DmfcError
+from dmfc.files.atomic import write_text
 from dmfc.hand.model import HandModel
-from dmfc.network.checkpoint import load_weights, new_network
+from dmfc.network.checkpoint import load_weights, new_network, require_finite
 from dmfc.network.model_files import CONFIG, METRICS, SUMMARY, WEIGHTS
 from dmfc.objects.atlas import ObjectAtlas
 from dmfc.training.failure import Failure
 from dmfc.training.module import GraspTraining
+from dmfc.training.resume import keep_checkpoint, last_checkpoint
 from dmfc.training.settings import FitConfig
 from dmfc.training.task import Stage, Task
 from dmfc.training.validation import Validation
 
 VERSION = 1
-CHECKPOINT = "last.ckpt"
+PART = "checkpoint.part"
 FAILURE = "failure.pt"
 
 
@@ -52,7 +53,7 @@ def fit(
     follow from the seed. `data_digest` tells the data from others: a checkpoint of other data is
     refused. `work` holds a checkpoint per epoch: a second call with the same `work`
     goes on after the last finished epoch, and ends as the uninterrupted run would have.
-    Raises DmfcError where a loss is not finite or nothing can be learned.
+    Raises DmfcError where a loss or a weight is not finite or nothing can be learned.
     """
     training = config.training
     work.mkdir(parents=True, exist_ok=True)
@@ -73,7 +74,7 @@ def fit(
             accelerator=training.accelerator,
             devices=training.devices,
             precision=training.precision,
-            callbacks=[_KeepLast(work / CHECKPOINT), _Progress(stage, progress)],
+            callbacks=[_KeepLast(work), _Progress(stage, progress)],
             logger=False,
             enable_progress_bar=False,
             enable_model_summary=False,
@@ -82,12 +83,11 @@ def fit(
             check_val_every_n_epoch=config.validation.every,
             use_distributed_sampler=False,  # the data module's sampler knows the processes
         )
-        checkpoint = work / CHECKPOINT
         with _interrupts_raised():
             trainer.fit(
                 module,
                 datamodule=data,
-                ckpt_path=checkpoint if checkpoint.exists() else None,
+                ckpt_path=last_checkpoint(work),
                 weights_only=True,
             )
     finished = sum(row["split"] == "train" for row in module.metrics)
@@ -116,6 +116,7 @@ def _write(
 ) -> None:
     out.mkdir(parents=True, exist_ok=True)
     state = {k: v.detach().cpu().contiguous() for k, v in module.net.state_dict().items()}
+    require_finite(state, f"the weights after {stage}")
     save_file(state, out / WEIGHTS)
     _write_metrics(out / METRICS, module)
     described = OmegaConf.create({"version": VERSION, "stage": stage, "hand": hand.name})
@@ -132,12 +133,12 @@ def _write(
         "torch": torch.__version__,
         "last": {row["split"]: row for row in module.metrics},
     }
-    (out / SUMMARY).write_text(json.dumps(summary, indent=1) + "\n")
+    write_text(out / SUMMARY, json.dumps(summary, indent=1) + "\n")
 
 
 def _write_metrics(path: Path, module: GraspTraining) -> None:
     lines = [json.dumps(row) + "\n" for row in module.metrics]
-    path.write_text("".join(lines))
+    write_text(path, "".join(lines))
 
 
 class _KeepLast(Checkpoint):
@@ -146,18 +147,16 @@ class _KeepLast(Checkpoint):
     A `Checkpoint`, because Lightning calls those after the module's own hook has added its metrics.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, work: Path) -> None:
+        self.work = work
 
     def on_train_epoch_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        temporary = self.path.with_suffix(".part")
-        trainer.save_checkpoint(temporary)
+        temporary = self.work / PART
+        trainer.save_checkpoint(temporary)  # by all processes together
         if trainer.is_global_zero:
-            os.replace(temporary, self.path)
+            keep_checkpoint(temporary)
             assert isinstance(pl_module, GraspTraining)
-            told = self.path.with_name(f"{METRICS}.part")
-            _write_metrics(told, pl_module)
-            os.replace(told, self.path.parent / METRICS)
+            _write_metrics(self.work / METRICS, pl_module)
 
 
 class _Progress(Callback):

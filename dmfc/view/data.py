@@ -21,6 +21,8 @@ from dmfc.prediction.ranked import RankedGrasps
 from dmfc.scenes.scene_set import Scene
 from dmfc.visualization.glyph import palm_glyphs
 
+FAR = 100.0
+"""m: a cloud farther from its origin is shown about its middle, for a page has float32 numbers."""
 POINTS = 20_000
 """Points of a larger cloud that are shown, picked evenly."""
 LINK_FACES, OBJECT_FACES = 2500, 6000
@@ -116,12 +118,19 @@ def cloud_view(
 ) -> View:
     """A cloud [N, 3] with what a model predicts for it; the table is where its lowest point is."""
     R_view_world = upright(up)
+    subtitle = f"points: {len(points):,}; grasps: {len(grasps)}, by {grasps.model}"
+    T_cloud_palm = grasps.T_cloud_palm
+    if np.abs(points).max() > FAR:
+        origin = np.round(points.mean(0))
+        subtitle += "; coordinates from ({:.0f}, {:.0f}, {:.0f}) m".format(*origin)
+        points = points - origin
+        T_cloud_palm = transform(T_cloud_palm[:, :3, :3], T_cloud_palm[:, :3, 3] - origin)
     shown = points[:: -(-len(points) // POINTS)]
     return View(
         title=title,
-        subtitle=f"points: {len(points):,}; grasps: {len(grasps)}, by {grasps.model}",
+        subtitle=subtitle,
         points=shown,
-        grasps=grasp_field(grasps.T_cloud_palm, grasps.joints, grasps.confidence, hand),
+        grasps=grasp_field(T_cloud_palm, grasps.joints, grasps.confidence, hand),
         hand=hand_meshes(hand),
         R_view_world=R_view_world,
         floor=float((points @ R_view_world[2]).min()),

@@ -14,7 +14,7 @@ from dmfc import assets
 from dmfc.assets import cache, packs
 from dmfc.assets.packs import Pack
 from dmfc.assets.unpack import unpack
-from dmfc.errors import DmfcError
+from dmfc.errors import DmfcError, MachineError
 
 MEMBERS = {
     "pretend/models/one.txt": b"one",
@@ -80,6 +80,36 @@ def test_pull_verify_and_offline(pretend, monkeypatch):
     monkeypatch.setattr(cache, "download", no_download)
     assert assets.pull("pretend") == folder
     assert not [p for p in folder.parent.parent.iterdir() if p.name.startswith(".pretend")]
+
+
+def test_a_shared_pack_needs_neither_cache_nor_network(pretend, tmp_path, monkeypatch):
+    store = tmp_path / "store"
+    assets.share("pretend", store)
+    assets.share("pretend", store)  # it is there
+    monkeypatch.setenv("DMFC_CACHE", str(tmp_path / "elsewhere"))
+    monkeypatch.setenv("PIP_NO_INDEX", "1")
+    pack = pack_of_like(pretend, pip_options=("--no-index",))
+    monkeypatch.setattr(packs, "PACKS", (pack,))
+    with assets.also_in(store):
+        folder = assets.pull("pretend")
+    assert folder.is_relative_to(store)
+    assert (folder / "one.txt").read_bytes() == b"one"
+    assert not (tmp_path / "elsewhere").exists()
+    with pytest.raises(MachineError, match="was not downloaded"):
+        assets.pull("pretend")
+
+
+def test_a_shared_pack_that_is_damaged_is_an_error_of_the_machine(pretend, tmp_path, monkeypatch):
+    assets.share("pretend", tmp_path / "store")
+    (damaged,) = (tmp_path / "store").glob("packs/*/files/one.txt")
+    damaged.write_bytes(b"two")
+    monkeypatch.setenv("DMFC_CACHE", str(tmp_path / "elsewhere"))
+    cache._verified.cache_clear()
+    with (
+        assets.also_in(tmp_path / "store"),
+        pytest.raises(MachineError, match=r"corrupt: 'one.txt' has changed"),
+    ):
+        assets.pull("pretend")
 
 
 @pytest.mark.parametrize("damage", ["change", "delete", "manifest"])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from ray.cluster_utils import Cluster
@@ -23,16 +23,18 @@ def patiently(start: Callable[[], Any], clean: Callable[[], object] = lambda: No
 
 
 class TwoNodes:
-    """A head and a worker node with a CPU each."""
+    """A head and a worker node with a CPU each; `worker_environment` is of the latter alone."""
 
-    def __init__(self, cpus: int = 1) -> None:
+    def __init__(self, cpus: int = 1, worker_environment: Mapping[str, str] | None = None) -> None:
         settings = {
             "num_cpus": cpus,
             "object_store_memory": 100 * 2**20,
             "include_dashboard": False,
         }
         self._cluster = patiently(lambda: Cluster(initialize_head=True, head_node_args=settings))
-        self._worker = patiently(lambda: self._cluster.add_node(**settings))
+        self._worker = patiently(
+            lambda: self._cluster.add_node(**settings, env_vars=dict(worker_environment or {}))
+        )
 
     def __enter__(self) -> TwoNodes:
         return self

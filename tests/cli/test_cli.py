@@ -18,7 +18,7 @@ import typer
 from typer.core import TyperGroup
 
 from dmfc.cli import main as cli
-from dmfc.config.load import shipped_names
+from dmfc.config.shipped import shipped_names
 from dmfc.engine.pools import LocalPool
 from dmfc.engine.state import read_state
 from dmfc.pipeline import selection
@@ -78,6 +78,11 @@ def test_the_verbs_are_those_of_the_app():
         (["evaluate", "plannner"], "did you mean 'planner'"),
         (["evaluate", "planner", "--only", "0:0", "--dense", "0"], "give one of them"),
         (["evaluate", "planner", "--video", "trial.gif"], "name it by --only"),
+        (["evaluate", "planner", "--preset", "smoke", "--only", "99:0"], "there is no scene 99"),
+        (["evaluate", "planner", "--preset", "smoke", "--only", "0:99"], "has no trial 99"),
+        (["evaluate", "planner", "--preset", "smoke", "--dense", "99"], "there is no scene 99"),
+        (["evaluate", "planner", "--preset", "smoke", "--dense", "-1"], "there is no scene -1"),
+        (["view", "planner", "--preset", "smoke", "--scene", "99"], "there is no scene 99"),
         (["scenes", "make", "--split", "tset"], "did you mean 'test'"),
         (["objects", "prepare", "ycp:mug"], "ycb"),
         (["objects", "prepare", "folder:/nowhere/mesh.stl"], "/nowhere/mesh.stl"),

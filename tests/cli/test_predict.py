@@ -85,7 +85,7 @@ def test_a_depth_image_gives_grasps_in_the_world(dmfc, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (["--unit", "mm"], "looks like metres"),
+        (["--unit", "mm"], "say --unit m,"),
         (["--model", "nothing"], "unknown model 'nothing'"),
         (["--up", "a,b,c"], "--up wants three numbers"),
         (["--top", "-1"], "--top -1"),

@@ -4,10 +4,12 @@ import dataclasses
 
 import pytest
 
-from dmfc.config.load import all_keys, build_config, load_config, shipped_names
+from dmfc.config.load import all_keys, build_config, load_config
 from dmfc.config.plain_yaml import parse_yaml
+from dmfc.config.presets import preset_title
 from dmfc.config.schema import Config
 from dmfc.config.setting import help_of
+from dmfc.config.shipped import shipped_names
 from dmfc.errors import DmfcError
 
 
@@ -100,13 +102,62 @@ def test_one_setting_under_two_spellings_is_an_error():
 
 def test_every_shipped_preset_loads():
     names = shipped_names("configs")
-    assert {"smoke", "quick", "paper"} <= set(names)
+    assert {"smoke", "quick", "medium", "full", "literal"} == set(names)
     for name in names:
         assert isinstance(load_config(name), Config)
 
 
-def test_the_paper_preset_has_the_papers_figures():
-    config = load_config("paper")
+@pytest.mark.parametrize(("old", "new"), [("paper", "full"), ("hour", "medium")])
+def test_a_former_name_is_refused_with_the_new_one(old, new):
+    assert f"preset '{old}' is now called '{new}'" in message(load_config, old)
+
+
+def test_several_presets_lie_over_each_other_in_order():
+    config = load_config(["quick", "literal"])
+    assert (config.scenes.train.count, config.training.pretrain.epochs) == (96, 40)
+    assert (config.network.offset_to, config.training.finetune.learning_rate) == ("origin", 1e-3)
+    assert load_config(["literal", "quick"]).training.finetune.learning_rate == 3e-5
+    assert preset_title(["quick", "literal"]) == "quick+literal"
+
+
+def test_the_literal_preset_is_the_paper_as_printed():
+    """Figures of the article's section on training, and of its inference."""
+    config = load_config(["full", "literal"])
+    schedules = (config.training.pretrain, config.training.finetune)
+    assert [stage.epochs for stage in schedules] == [50, 20]
+    for stage in schedules:
+        assert (stage.learning_rate, stage.decay, stage.decay_every) == (1e-3, 0.9, 10)
+    assert config.network.neighbours == [32, 64, 64]
+    assert (config.execution.min_confidence, config.execution.most_confident) == (0.15, 0)
+    assert (config.training.hard_samples, config.training.hard_stages) == (64, "both")
+
+
+def test_presets_of_sizes_leave_what_works_alone():
+    """What the paper leaves open is a default, which no size changes."""
+    groups = ("network", "losses", "matching", "physics", "closing", "execution", "validation")
+    for name in ("quick", "medium", "full"):
+        config = load_config(name)
+        for group in groups:
+            assert getattr(config, group) == getattr(Config(), group), (name, group)
+
+
+def test_a_preset_extends_others(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text("extends: [quick, literal]\nscenes.train.count: 7\n")
+    config = load_config(str(path))
+    assert config.scenes.train.count == 7
+    assert config.scenes.test.count == load_config("quick").scenes.test.count
+    assert config.network.offset_to == "origin"
+    path.write_text(f"extends: {path}\n")
+    assert "extends itself" in message(load_config, str(path))
+    path.write_text("extends: quik\n")
+    assert "did you mean 'quick'" in message(load_config, str(path))
+    path.write_text("extends: {a: 1}\n")
+    assert "extends wants" in message(load_config, str(path))
+
+
+def test_the_full_preset_has_the_papers_figures():
+    config = load_config("full")
     assert (config.training.pretrain.epochs, config.training.finetune.epochs) == (50, 20)
     assert (config.scenes.train.count, config.scenes.test.count) == (1000, 100)
     assert (config.scenes.points, config.hand.collision_points) == (2048, 2000)

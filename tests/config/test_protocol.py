@@ -7,16 +7,17 @@ from pathlib import Path
 
 import pytest
 
-from dmfc.config.load import load_config, shipped_names
+from dmfc.config.load import load_config
 from dmfc.config.protocol import executed
+from dmfc.config.shipped import shipped_names
 from dmfc.errors import DmfcError
 
 
-def test_the_papers_protocol_is_what_the_settings_say_but_for_the_squeeze() -> None:
-    assert set(shipped_names("protocols")) == {"paper", "dexgraspbench"}
+def test_the_default_protocol_is_what_the_settings_say_but_for_the_squeeze() -> None:
+    assert set(shipped_names("protocols")) == {"default", "dexgraspbench"}
     config = load_config("quick", ["physics.hand_friction=0.8"])
-    squeezed = dataclasses.replace(config.hand, squeeze=0.5)
-    assert executed(config) == dataclasses.replace(config, hand=squeezed)
+    squeezed = dataclasses.replace(config.closing, squeeze=0.5)
+    assert executed(config) == dataclasses.replace(config, closing=squeezed)
 
 
 def test_the_peers_published_parameters() -> None:
@@ -47,7 +48,8 @@ def test_changes_lie_over_a_protocol_of_ones_own(tmp_path: Path) -> None:
         ("execution.changes={execution.grasps_per_scene: 9}", "grasps_per_scene' cannot be"),
         ("execution.changes={physics.hand_fiction: 1}", "did you mean 'physics.hand_friction'"),
         ("execution.changes={physics.timestep: short}", "physics.timestep"),
-        ("execution.protocol=papr", "did you mean 'paper'"),
+        ("execution.protocol=defalt", "did you mean 'default'"),
+        ("execution.protocol=paper", "protocol 'paper' is now called 'default'"),
     ],
 )
 def test_what_is_wrong_is_said_on_one_line(setting: str, told: str) -> None:

@@ -146,6 +146,7 @@ def test_ctrl_c_leaves_a_store_that_goes_on(ledger, config, tmp_path):
             if stage.name == "b":
                 raise KeyboardInterrupt
 
+        def note(self, text): ...
         def tick(self, running): ...
         def end(self): ...
 
@@ -267,13 +268,41 @@ def test_a_test_object_that_fails_stops_the_evaluation(ledger, config):
     )
 
 
-def test_a_stage_that_may_fail_and_dies_is_a_row_too(ledger, config, ray_cluster):
-    kinds = registry(*(dataclasses.replace(kind, may_fail=True) for kind in TRIVIAL.values()))
-    dead = trivial("die", "dead")
+def may_fail(*names):
+    """The trivial kinds, each of which may fail."""
+    return registry(*(dataclasses.replace(TRIVIAL[name], may_fail=True) for name in names))
+
+
+def test_a_stage_that_may_fail_and_crashes_is_a_row_too(ledger, config, ray_cluster):
+    dead = trivial("crash", "dead")
     after = trivial("seen", "after", inputs={"from": dead})
-    outcomes = run_stages([after], ledger, config, kinds=kinds)
+    outcomes = run_stages([after], ledger, config, kinds=may_fail("crash", "seen"))
     assert outcomes[after.address].status == "ran"
+    assert ledger.failure(dead.address).startswith("Segmentation fault: ")
     assert "2 attempts" in ledger.failure(dead.address)
+
+
+def test_a_stage_that_may_fail_and_is_killed_is_not_kept(ledger, config, ray_cluster):
+    killed = trivial("die", "killed")
+    after = trivial("seen", "after", inputs={"from": killed})
+    outcomes = run_stages([after], ledger, config, kinds=may_fail("die", "seen"))
+    assert outcomes[killed.address].status == "failed"
+    assert not outcomes[killed.address].kept
+    assert outcomes[after.address].status == "blocked"
+    assert not ledger.finished(killed.address)
+
+
+@pytest.mark.parametrize("error", ["machine", "disk", "memory", "package", "caused by disk"])
+@pytest.mark.parametrize("local", [True, False])
+def test_an_error_of_the_machine_is_never_kept(ledger, config, ray_cluster, local, error):
+    sick = trivial("sick", "s", error=error)
+    after = trivial("seen", "after", inputs={"from": sick})
+    outcomes = run_stages([after], ledger, config, kinds=may_fail("sick", "seen"), local=local)
+    assert outcomes[sick.address].status == "failed"
+    assert "the machine is sick" in outcomes[sick.address].reason
+    assert not outcomes[sick.address].kept
+    assert not ledger.finished(sick.address)
+    assert outcomes[after.address].status == "blocked"
 
 
 def test_a_time_limit_ends_a_stage_and_nothing_else(ledger, ray_cluster):

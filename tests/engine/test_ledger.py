@@ -10,8 +10,9 @@ import pytest
 from dmfc.config.load import build_config
 from dmfc.config.plain_yaml import parse_yaml
 from dmfc.config.schema import Config
-from dmfc.config.setting import setting
-from dmfc.engine.ledger import RECORD, RECORD_VERSION, Ledger
+from dmfc.config.setting import KEYS_VERSION, setting
+from dmfc.engine.ledger import Ledger
+from dmfc.engine.record import RECORD, RECORD_VERSION
 from dmfc.engine.stage import Stage, closure, differences, plain
 from dmfc.errors import DmfcError
 from tests.support.trivial_graph import trivial
@@ -21,7 +22,7 @@ from tests.support.trivial_graph import trivial
 class Settings:
     rate: float = setting(1.0, "")
     threads: int = setting(1, "", resource=True)
-    polish: int = setting(0, "", later=True)
+    polish: int = setting(0, "", later=KEYS_VERSION)
 
 
 def key(**config):
@@ -50,6 +51,26 @@ def test_a_later_setting_enters_a_key_where_it_is_not_at_its_default():
     assert plain(Settings(polish=2)) == {"rate": 1.0, "polish": 2}
 
 
+def test_the_next_version_of_keys_ends_a_later_setting(monkeypatch):
+    monkeypatch.setattr("dmfc.config.setting.KEYS_VERSION", KEYS_VERSION + 1)
+    assert plain(Settings()) == {"rate": 1.0, "polish": 0}
+
+
+def test_a_store_with_keys_of_another_version_is_refused_on_one_line(tmp_path):
+    new = Ledger(tmp_path / "new")
+    new.prepare()
+    new.check_version()
+    (new.store / "version.json").write_text('{"keys": 1}')
+    with pytest.raises(DmfcError, match=r"keys 1, this one has 2.*give another --store") as caught:
+        new.prepare()
+    assert "\n" not in str(caught.value)
+    old = Ledger(tmp_path / "old")  # before stores had a version
+    (old.folder("hand/a")).mkdir(parents=True)
+    (old.folder("hand/a") / "stage.json").write_text("{}")
+    with pytest.raises(DmfcError, match="made by another version"):
+        old.check_version()
+
+
 def test_the_order_of_keys_does_not_matter():
     assert key(a=1, b={"c": 2, "d": 3}) == key(b={"d": 3, "c": 2}, a=1)
 
@@ -66,12 +87,12 @@ def test_a_key_is_the_hash_of_its_canonical_text():
     """Fails when the scheme of keys changes, which would orphan every store there is."""
     hand = Stage("hand", "hand", 3, {"name": "shadow"})
     stage = Stage("object", "mug", 1, {"s": Settings(), "id": "ycb/mug"}, {"hand": hand})
-    hand_text = '{"config":{"name":"shadow"},"inputs":{},"kind":"hand","version":3}'
+    hand_text = '{"config":{"name":"shadow"},"inputs":{},"keys":2,"kind":"hand","version":3}'
     hand_key = hashlib.sha256(hand_text.encode()).hexdigest()[:32]
     text = (
         '{"config":{"id":"ycb/mug","s":{"rate":1.0}},"inputs":{"hand":"hand/'
         + hand_key
-        + '"},"kind":"object","version":1}'
+        + '"},"keys":2,"kind":"object","version":1}'
     )
     assert stage.key == hashlib.sha256(text.encode()).hexdigest()[:32]
 
@@ -135,11 +156,22 @@ def test_what_a_killed_process_left_is_cleared(ledger):
         assert list(out.iterdir()) == []
 
 
-def test_a_damaged_record_is_one_line(ledger):
+def test_a_damaged_record_is_one_line_and_no_stage(ledger, caplog):
     ledger.folder("add/k").mkdir(parents=True)
     (ledger.folder("add/k") / RECORD).write_text("{")
-    with pytest.raises(DmfcError, match="cannot be read"):
+    with pytest.raises(DmfcError, match=r"stage\.json' is damaged"):
         ledger.record("add/k")
+    assert not ledger.finished("add/k")
+    assert not ledger.finished("add/k")
+    assert list(ledger.addresses()) == list(ledger.records("add")) == []
+    assert list(ledger.present()) == ["add/k"]
+    assert caplog.text.count("is made again") == 1
+    with ledger.claim("add/k") as out:
+        (out / "file").write_text("again")
+        ledger.commit("add/k", {"name": "k"})
+    assert (ledger.folder("add/k") / "file").read_text() == "again"
+    (aside,) = (ledger.store / "damaged").iterdir()
+    assert (aside / RECORD).read_text() == "{"
 
 
 def test_a_store_that_cannot_be_written_is_one_line(tmp_path):

@@ -10,10 +10,12 @@ import pandas as pd
 import pytest
 
 from dmfc.config.execution import ExecutionConfig
+from dmfc.config.scenes import ScenesConfig
 from dmfc.errors import DmfcError
 from dmfc.execution.evaluate import DIVERSITY, TRIALS, Evaluation, evaluate_shard
 from dmfc.execution.outcome import REASONS
 from dmfc.report.rates import rates
+from dmfc.scenes.labels import HandAtGrasps, surviving_labels
 from dmfc.scenes.scene_set import Scene, SceneSet
 from tests.support.execution_shapes import good
 from tests.support.grasp_shapes import shape
@@ -109,3 +111,26 @@ def test_a_row_gets_what_it_needs_and_nothing_else(planner: Evaluation, row: str
         dataclasses.replace(planner, row=row)
     with pytest.raises(DmfcError, match="row 'planner'"):
         dataclasses.replace(planner, grasps=None)
+
+
+def test_the_planner_labels_scenes_without_labels_itself(planner: Evaluation) -> None:
+    """Exactly as the scenes would have been labelled when they were made."""
+    config, grasps = ScenesConfig(), planner.grasps
+    assert grasps is not None
+    models = [planner.objects[name] for name in planner.scenes[1].object_ids]
+    bare = dataclasses.replace(
+        planner.scenes[1], grasp_object=np.zeros(0, np.uint8), grasp_index=np.zeros(0, np.int32)
+    )
+    labels = surviving_labels(
+        config, models, bare.T_world_object, grasps, HandAtGrasps(planner.hand)
+    )
+    labelled = dataclasses.replace(
+        bare, grasp_object=labels.grasp_object, grasp_index=labels.grasp_index
+    )
+    expected = planner.proposals(labelled)
+    assert len(expected) > 1
+    assert len(planner.proposals(bare)) == 0
+    found = dataclasses.replace(planner, labels=config).proposals(bare)
+    np.testing.assert_array_equal(found.T, expected.T)
+    np.testing.assert_array_equal(found.joints, expected.joints)
+    np.testing.assert_array_equal(found.object_index, expected.object_index)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 from pathlib import Path
 
 import mujoco
@@ -20,7 +21,7 @@ from dmfc.grasps.exchange import dexgraspbench
 from dmfc.grasps.exchange.convert import to_grasp_set
 from dmfc.grasps.exchange.hand_map import load_hand_map
 from dmfc.grasps.exchange.objects_file import load_objects
-from dmfc.grasps.exchange.read import read_foreign
+from dmfc.grasps.exchange.read import in_frame, read_foreign
 from dmfc.grasps.grasp_set import GraspSet
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.mjcf import PREFIX, hand_model
@@ -45,8 +46,9 @@ def grasps(hand) -> GraspSet:
 def imported(name, paths, hand, description, **options):
     model = grasp_shapes.shape("block")
     mapped = load_hand_map(name)
-    foreign = read_foreign(name, paths, mapped, model, options.pop("scale", None))
-    return to_grasp_set(foreign, mapped, hand, description, model, GraspsConfig(), **options)
+    foreign = read_foreign(name, paths, mapped).of_size(options.pop("scale", None), paths[0])
+    placed = in_frame(name, foreign, model)
+    return to_grasp_set(placed, mapped, hand, description, model, GraspsConfig(), **options)
 
 
 def link_origins(hand, grasps):
@@ -140,6 +142,81 @@ def test_another_size_is_refused(bench, hand, description, tmp_path):
         imported("dexgraspbench", [tmp_path], hand, description)
 
 
+def changed_grasp(bench, folder, **changes):
+    grasp = load_objects(next((bench / "grasps").rglob("0.npy")))[0]
+    np.save(folder / "0.npy", np.array({**grasp, **changes}, dtype=object))
+    return folder
+
+
+QPOS = np.concatenate([[0, 0, 0.1, 1, 0, 0, 0], np.full(22, 0.1)])
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (
+            {"grasp_qpos": np.where(np.arange(29) == 3, 0, QPOS)},
+            "quaternion of a pose has length 0",
+        ),
+        ({"obj_pose": np.zeros(7)}, "has length 0, not 1"),
+        ({"obj_pose": np.array([0, 0, 0, 0.7, 0, 0, 0.1])[:6]}, "obj_pose must be 7 finite"),
+        ({"grasp_qpos": np.where(np.arange(29) == 9, np.nan, QPOS)}, "grasp_qpos must be finite"),
+        ({"grasp_qpos": np.where(np.arange(29) == 0, np.inf, QPOS)}, "grasp_qpos must be finite"),
+        ({"grasp_qpos": QPOS[:5]}, "grasp_qpos has 5 numbers"),
+        ({"grasp_qpos": None}, "grasp_qpos"),
+        ({"grasp_qpos": "abc"}, "grasp_qpos"),
+        ({"obj_scale": 0.0}, "obj_scale is 0, not a size"),
+        ({"obj_scale": -0.06}, "obj_scale is -0.06"),
+        ({"obj_scale": float("nan")}, "obj_scale must be"),
+        ({"obj_scale": "large"}, "obj_scale"),
+        ({"obj_scale": None}, "obj_scale"),
+    ],
+)
+def test_numbers_that_a_grasp_cannot_have_are_named(
+    bench, hand, description, tmp_path, changes, message
+):
+    folder = changed_grasp(bench, tmp_path, **changes)
+    with pytest.raises(DmfcError, match=rf"0\.npy: .*{message}") as raised:
+        imported("dexgraspbench", [folder], hand, description)
+    assert "\n" not in str(raised.value)
+
+
+def block_scale(factor=1.0):
+    return factor * float(np.linalg.norm(grasp_shapes.BLOCK_SIZE)) / 2
+
+
+@pytest.mark.parametrize(("factor", "refused"), [(1.016, False), (0.97, True), (1.05, True)])
+def test_meshes_a_little_over_the_stated_size_are_taken(
+    bench, grasps, hand, description, tmp_path, factor, refused
+):
+    """DexGraspBench's bottle and can are 1.016 times as large as stated."""
+    folder = changed_grasp(bench, tmp_path, obj_scale=block_scale(1 / factor))
+    if refused:
+        with pytest.raises(DmfcError, match="another object or size"):
+            imported("dexgraspbench", [folder], hand, description)
+    else:
+        same(imported("dexgraspbench", [folder], hand, description), grasps[:1])
+
+
+def test_the_frame_is_that_of_their_mesh(bench, grasps, hand, description, tmp_path):
+    """Their simplified meshes do not lie exactly about the origin; a mesh of another source does
+    not have their origin, but its box has their centre."""
+    folder = changed_grasp(bench, tmp_path)
+    foreign = read_foreign("dexgraspbench", [folder], load_hand_map("dexgraspbench"))
+    shift = np.array([0.0005, -0.0003, 0.0004])
+    block = grasp_shapes.shape("block")
+    other = dataclasses.replace(block, vertices=block.vertices + shift, source="ycb")
+    theirs = dataclasses.replace(other, source="folder")
+    away = dataclasses.replace(theirs, vertices=block.vertices + 100 * shift)
+
+    def origin(model):
+        return in_frame("dexgraspbench", foreign, model).T_object_root[0, :3, 3]
+
+    np.testing.assert_allclose(origin(theirs), foreign.T_object_root[0, :3, 3], atol=1e-12)
+    np.testing.assert_allclose(origin(other) - origin(theirs), shift, atol=1e-12)
+    np.testing.assert_allclose(origin(away) - origin(theirs), 100 * shift, atol=1e-12)
+
+
 # ── DexGraspNet ──────────────────────────────────────────────────────────────────────────────────
 
 # Its hand's MJCF: per joint (counted from 1, as ours) the offset from the one before and the axis.
@@ -224,15 +301,43 @@ def test_sizes_are_not_mixed(net_rows, hand, description, tmp_path):
         imported("dexgraspnet", [tmp_path], hand, description, scale=0.2)
 
 
-def test_a_joint_out_of_its_limits_is_named(net_rows, hand, description, tmp_path):
+def test_a_grasp_with_a_joint_out_of_its_limits_is_skipped(
+    net_rows, grasps, hand, description, tmp_path
+):
+    """And counted; where no other is left, it is named."""
     far = {**net_rows[1], "qpos": {**net_rows[1]["qpos"], "robot0:THJ3": 1.5}}
+    np.save(tmp_path / "mug.npy", np.array([net_rows[0], far, net_rows[2], far], dtype=object))
+    found = imported("dexgraspnet", [tmp_path], hand, description)
+    same(found, grasps[np.array([0, 2])])
+    assert (found.notes["skipped"], found.notes["imported"]) == ("2", "2")
     np.save(tmp_path / "mug.npy", np.array([net_rows[0], far], dtype=object))
-    with pytest.raises(DmfcError, match=r"mug\.npy#1: joint rh_THJ4 at 1\.500 .*--tolerance"):
-        imported("dexgraspnet", [tmp_path], hand, description)
     found = imported("dexgraspnet", [tmp_path], hand, description, tolerance=0.3)
+    assert "skipped" not in found.notes
     assert angle(hand, found, "THJ4", 1) == pytest.approx(
         hand.upper[hand.dof_names.index("rh_THJ4")]
     )
+    np.save(tmp_path / "mug.npy", np.array([far], dtype=object))
+    with pytest.raises(DmfcError, match=r"mug\.npy#0: joint rh_THJ4 at 1\.500 .*--tolerance"):
+        imported("dexgraspnet", [tmp_path], hand, description)
+
+
+@pytest.mark.parametrize("factor", [0.5, 0.75, 1.3, 2.0])
+def test_a_mesh_of_another_size_is_refused(net_rows, hand, description, tmp_path, factor):
+    """The block reaches 0.0716 m from its origin, as one of scale 0.08 may."""
+    other = [{**row, "scale": 0.0716 * factor} for row in net_rows]
+    np.save(tmp_path / "mug.npy", np.array(other, dtype=object))
+    with pytest.raises(DmfcError, match=r"mug\.npy#0: scale .* reaches 0\.07159 m.*another object"):
+        imported("dexgraspnet", [tmp_path], hand, description)
+
+
+def test_grasps_out_of_reach_are_of_another_object(net_rows, hand, description, tmp_path):
+    far = [{**row, "qpos": {**row["qpos"], "WRJTx": 0.6}} for row in net_rows[:4]]
+    np.save(tmp_path / "mug.npy", np.array(far, dtype=object))
+    with pytest.raises(DmfcError, match=r"mug\.npy#\d: the palm is 0\.\d+ m from .*another object"):
+        imported("dexgraspnet", [tmp_path], hand, description)
+    far[3] = net_rows[3]
+    np.save(tmp_path / "mug.npy", np.array([far[0], *net_rows[:3]], dtype=object))
+    assert len(imported("dexgraspnet", [tmp_path], hand, description)) == 4  # one of them is astray
 
 
 def test_another_hand_is_refused(net_rows, hand, description, tmp_path):
@@ -245,6 +350,29 @@ def test_another_hand_is_refused(net_rows, hand, description, tmp_path):
         load_hand_map("dexgraspnet").matrix(dataclasses.replace(description, name="claw"))
     with pytest.raises(DmfcError, match=r"unknown format 'dexgrasnet'; did you mean 'dexgraspnet'"):
         load_hand_map("dexgrasnet")
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"scale": 0}, "scale is 0, not a size"),
+        ({"scale": None}, "scale"),
+        ({"scale": [0.06, 0.08]}, "scale must be 1 finite"),
+        ({"qpos": {"WRJTx": float("nan")}}, "qpos must be 28 finite numbers"),
+        ({"qpos": {"WRJRx": "x"}}, "qpos is not a row of numbers"),
+        ({"qpos": {"robot0:FFJ0": [1, 2]}}, "qpos is not a row of numbers"),
+        ({"qpos": {"robot0:FFJ0": None}}, "qpos"),
+    ],
+)
+def test_numbers_that_a_row_cannot_have_are_named(
+    net_rows, hand, description, tmp_path, changes, message
+):
+    qpos = {**net_rows[0]["qpos"], **changes.get("qpos", {})}
+    np.save(
+        tmp_path / "mug.npy", np.array([{**net_rows[0], **changes, "qpos": qpos}], dtype=object)
+    )
+    with pytest.raises(DmfcError, match=rf"mug\.npy#0: {message}"):
+        imported("dexgraspnet", [tmp_path], hand, description)
 
 
 # ── GraspIt! ─────────────────────────────────────────────────────────────────────────────────────
@@ -322,6 +450,9 @@ def test_graspit_knuckles_are_ours(hand, description, tmp_path):
         (lambda t: t.replace("<dofValues>", "<dofValues>0 "), "dofValues, but .* has 18"),
         (lambda t: t.replace("<robot>", "<robot/><robot>"), "2 <robot> in this world"),
         (lambda t: t.replace("[", "{"), "no fullTransform"),
+        (lambda t: re.sub(r"Transform>\([^)]*", "Transform>(0 0 0 0", t), "has length 0, not 1"),
+        (lambda t: re.sub(r"Transform>\([^)]*", "Transform>(nan 0 0 0", t), "finite numbers"),
+        (lambda t: re.sub(r"\[[^ ]*", "[inf", t), "finite numbers"),
         (lambda t: t[:300], "not XML"),
         (lambda t: t.replace("<world>", "<!DOCTYPE w><world>"), "declares a document type"),
     ],

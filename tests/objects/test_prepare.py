@@ -11,7 +11,7 @@ import pytest
 import trimesh
 
 from dmfc.config.objects import PrepareConfig
-from dmfc.errors import DmfcError
+from dmfc.errors import DmfcError, MachineError
 from dmfc.objects.convex import convex_parts
 from dmfc.objects.mass import implausible_mass
 from dmfc.objects.mesh import clean
@@ -252,9 +252,53 @@ def test_where_coacd_crashes_the_mesh_as_it_is_is_decomposed(tmp_path, monkeypat
     (tmp_path / "coacd.py").write_text("import os\nos.abort()")
     with pytest.raises(DmfcError, match="CoACD crashed"):
         convex_parts(mesh, CONFIG)
-    (tmp_path / "coacd.py").write_text("raise ImportError('no CoACD here')")
-    with pytest.raises(DmfcError, match="decomposition failed: ImportError: no CoACD here"):
-        convex_parts(mesh, CONFIG)
+
+
+@pytest.mark.parametrize(
+    ("stand_in", "told"),
+    [
+        ("raise ImportError('no CoACD here')", "ImportError: no CoACD here"),
+        ("raise MemoryError('no memory')", "MemoryError: no memory"),
+        ("import os, signal; os.kill(os.getpid(), signal.SIGKILL)", r"killed \(signal 9\)"),
+        (
+            "import os, sys; print('std::bad_alloc', file=sys.stderr, flush=True); os.abort()",
+            "bad_alloc",
+        ),
+    ],
+)
+def test_where_the_machine_ends_coacd_the_mesh_is_not_to_blame(
+    tmp_path, monkeypatch, stand_in, told
+):
+    (tmp_path / "coacd.py").write_text(stand_in)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    with pytest.raises(MachineError, match=f"decomposition failed: .*{told}"):
+        convex_parts(clean(two_boxes(), "test/mesh"), CONFIG)
+
+
+def test_where_coacd_refuses_a_mesh_the_mesh_is_to_blame(tmp_path, monkeypatch):
+    refusing = CRASHING.format(marker=str(tmp_path / "asked"))
+    (tmp_path / "coacd.py").write_text(
+        refusing.replace("    with open", "    raise RuntimeError('degenerate')\n    with open")
+    )
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    with pytest.raises(DmfcError, match="decomposition failed: degenerate") as info:
+        convex_parts(clean(two_boxes(), "test/mesh"), CONFIG)
+    assert not isinstance(info.value, MachineError)
+
+
+@pytest.mark.parametrize(
+    ("limit", "work", "message"),
+    [
+        ("CPU_LIMIT", "while True: pass", r"within 1 s of CPU time \(objects\.prepare"),
+        ("WALL_LIMIT", "import time; time.sleep(3600)", "within 1 s: this machine is overloaded"),
+    ],
+)
+def test_a_decomposition_that_does_not_end_is_ended(tmp_path, monkeypatch, limit, work, message):
+    (tmp_path / "coacd.py").write_text(f"def set_log_level(level):\n    {work}\n")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setattr(f"dmfc.objects.decompose.{limit}", 1)
+    with pytest.raises(DmfcError, match=message):
+        convex_parts(clean(two_boxes(), "test/mesh"), CONFIG)
 
 
 CRASHING = """

@@ -59,7 +59,10 @@ def test_table_one_shares_data_and_pretraining(builder):
         ("losses.units.guidance=0.5", {"finetune", "evaluate"}),
         ("losses.grasp_space.length_unit=0.5", {"pretrain", "finetune", "evaluate"}),
         ("training.finetune.epochs=9", {"finetune", "evaluate"}),
-        ("training.hard_samples=9", {"pretrain", "finetune", "evaluate"}),
+        ("training.hard_samples=9", {"finetune", "evaluate"}),
+        ("closing.squeeze=0.4", {"grasps", "scenes", "pretrain", "finetune", "evaluate"}),
+        ("closing.opening=0.4", {"grasps", "scenes", "pretrain", "finetune", "evaluate"}),
+        ("execution.changes={closing.squeeze: 0.4}", {"evaluate"}),
         ("training.pretrain.epochs=9", {"pretrain", "finetune", "evaluate"}),
         ("losses.weights.confidence=7", {"pretrain", "finetune", "evaluate"}),
         ("network.width=16", {"pretrain", "finetune", "evaluate"}),
@@ -95,8 +98,8 @@ def test_how_hard_samples_are_chosen_in_finetuning_leaves_pretraining_alone(buil
     usual = kinds()
     for override in (
         "training.hard_samples=9",
-        "training.hard_scope=scene",
-        "training.finetune_seeds=labelled",
+        "training.hard_scope=batch",
+        "training.finetune_seeds=all",
     ):
         other = kinds(override)
         assert other["pretrain"] == usual["pretrain"]
@@ -128,7 +131,7 @@ def test_a_loss_that_changed_after_the_sweep_began_is_refused(tmp_path):
     digest = own_function(f"{file}:high", "losses.own").digest
     check_own_losses({f"{file}:high": digest})
     file.write_text("def high(hands): return 1\n")
-    with pytest.raises(DmfcError, match="has changed since"):
+    with pytest.raises(DmfcError, match="is not the same"):
         check_own_losses({f"{file}:high": digest})
 
 
@@ -250,3 +253,47 @@ def test_a_library_of_the_users_own_stands_in_for_the_packages(tmp_path):
     assert planned.key == builder.grasps(load_config("smoke", []), "train")[0].key
     with pytest.raises(DmfcError, match=r"grasps\.library: .*nowhere is not a folder"):
         builder.grasps(load_config("smoke", ["grasps.library=nowhere"]), "train")
+
+
+def kinds_of(builder, model, *overrides):
+    config = load_config("smoke", list(overrides))
+    return Counter(stage.kind for stage in closure(builder.cell(config, model, "c").evaluations))
+
+
+def test_grasps_of_test_objects_are_planned_for_the_planner_alone(builder):
+    """`dmfc evaluate MODEL` on the user's own objects plans nothing that it does not execute."""
+    tested = "objects.test=[own]"
+    assert kinds_of(builder, "random", tested)["grasps"] == 0
+    assert kinds_of(builder, "planner", tested)["grasps"] == 2
+    config = load_config("smoke", ["objects.train=[known]", tested])
+    trained = closure(builder.cell(config, "finetuned", "c").evaluations)
+    assert {s.name for s in trained if s.kind == "grasps"} == {"known/0", "known/1"}
+
+
+def test_the_planner_and_the_others_have_one_set_of_test_scenes(builder):
+    config = load_config("smoke", ["objects.test=[own]"])
+    keys = [
+        [
+            stage.key
+            for stage in closure(builder.cell(config, model, "c").evaluations)
+            if stage.kind == "scenes" and stage.name.startswith("test")
+        ]
+        for model in ("planner", "random", "finetuned")
+    ]
+    assert keys[0] == keys[1] == keys[2] != []
+
+
+def test_labels_of_the_library_stay_with_the_scenes():
+    """They cost no planning, and results that are there keep their keys."""
+    refs = [ObjectRef("ycb/mug"), ObjectRef("ycb/banana")]
+    builder = GraphBuilder(lambda selectors: refs)
+    config = load_config("smoke", ["objects.test=[ycb]", "grasps.source=library"])
+    for model in ("planner", "random"):
+        (shard, *_) = [
+            stage
+            for stage in closure(builder.cell(config, model, "c").evaluations)
+            if stage.kind == "scenes"
+        ]
+        assert [stage.name for stage in shard.inputs["grasps"]] == ["ycb/mug", "ycb/banana"]
+        evaluation = builder.cell(config, model, "c").evaluations[0]
+        assert "labels" not in evaluation.config

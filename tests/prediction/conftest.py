@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 
-import numpy as np
 import pytest
 import torch
 from omegaconf import OmegaConf
@@ -14,6 +13,7 @@ from dmfc.config.losses import LossConfig
 from dmfc.config.training import TrainingConfig
 from dmfc.hand.description import load_description
 from dmfc.network.model import DmfcGraspNet
+from tests.support import clouds
 from tests.support.toy import NETWORK
 
 LIMIT = 0.4
@@ -54,8 +54,4 @@ def stage_folder(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def blob():
-    """[3000, 3] a lumpy surface on the table, off the origin."""
-    generator = np.random.default_rng(1)
-    direction = generator.normal(size=(3000, 3))
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    return direction * [0.03, 0.04, 0.06] + [0.1, -0.2, 0.06]
+    return clouds.blob()

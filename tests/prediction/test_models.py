@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import shutil
+
 import numpy as np
 import pytest
+from safetensors.torch import load_file, save_file
 
+from dmfc.engine.ledger import Ledger
+from dmfc.engine.record import identity_key
 from dmfc.errors import DmfcError
 from dmfc.prediction import models
 from dmfc.prediction.planner import load
@@ -44,6 +49,44 @@ def test_a_card_says_what_was_measured(stage_folder, tmp_path):
     assert "Held 3 of 400." in card
     assert "not evaluated" not in card
     assert not (tmp_path / models.DEFAULT).exists()
+
+
+def finished(store, stage_folder):
+    """The weights as a stage that a ledger finished: with their digests."""
+    ledger = Ledger(store)
+    record = {"kind": "pretrain", "stage_version": 1, "config": {}, "inputs": {}}
+    address = f"pretrain/{identity_key(record)}"
+    with ledger.claim(address) as out:
+        for name in (models.WEIGHTS, models.CONFIG):
+            shutil.copyfile(stage_folder / name, out / name)
+        ledger.commit(address, record)
+    return ledger.folder(address)
+
+
+@pytest.mark.parametrize("name", [models.WEIGHTS, models.CONFIG])
+def test_a_damaged_stage_predicts_nothing(tmp_path, stage_folder, name):
+    load(finished(tmp_path / "whole", stage_folder))
+    folder = finished(tmp_path / "store", stage_folder)
+    content = bytearray((folder / name).read_bytes())
+    content[-1] ^= 1
+    (folder / name).write_bytes(content)
+    for use in (load, lambda path: models.export_model(path, tmp_path / "mine")):
+        with pytest.raises(DmfcError, match=rf"{name}' has changed; `dmfc store repair`"):
+            use(folder)
+    elsewhere = shutil.copytree(folder, tmp_path / "elsewhere")
+    with pytest.raises(DmfcError, match=rf"{name}' has changed; copy the folder again"):
+        load(elsewhere)
+
+
+def test_weights_that_are_not_finite_predict_nothing(tmp_path, stage_folder):
+    folder = tmp_path / "mine"
+    models.export_model(stage_folder, folder)
+    tensors = load_file(folder / models.WEIGHTS)
+    name = next(name for name, tensor in tensors.items() if tensor.ndim == 2)
+    tensors[name][0, 0] = float("nan")
+    save_file(tensors, folder / models.WEIGHTS)
+    with pytest.raises(DmfcError, match=rf"mine/{models.WEIGHTS} .*'{name}' has 1 numbers"):
+        load(folder)
 
 
 def test_what_is_no_model_is_refused(tmp_path, stage_folder, monkeypatch):

@@ -93,6 +93,20 @@ def test_units(planner, blob, unit):
     same(planner(blob), planner(blob * scale, unit=unit), atol=1e-5)
 
 
+def test_a_cloud_in_the_coordinates_of_a_map_has_the_same_grasps(planner, blob):
+    offset = np.array([5.4e6, 3.2e5, 412.0])
+    far, near = planner(blob + offset), planner(blob)
+    np.testing.assert_array_equal(far.point, near.point)
+    np.testing.assert_allclose(far.joints, near.joints, atol=1e-5)
+    moved = far.T_cloud_palm.copy()
+    moved[:, :3, 3] -= offset
+    np.testing.assert_allclose(moved, near.T_cloud_palm, atol=1e-5)
+    up = (0.2, -0.9, 0.3)
+    moved = planner(blob + offset, up=up).T_cloud_palm
+    moved[:, :3, 3] -= offset
+    np.testing.assert_allclose(moved, planner(blob, up=up).T_cloud_palm, atol=1e-5)
+
+
 def test_up_turns_the_answer_with_the_cloud(planner, blob):
     up = np.array([0.2, -0.9, 0.3])
     R_scene_cloud = upright(up)
@@ -164,3 +178,5 @@ def test_files(planner, blob, tmp_path):
         [float(word) for word in back.notes["confidence"].split()], grasps.confidence, rtol=1e-5
     )
     assert np.isnan(back.robustness).all()
+    with pytest.raises(DmfcError, match=r"5\.4e\+06 m from the origin.*subtract an offset"):
+        planner(blob + np.array([5.4e6, 0, 0])).save(tmp_path / "far.parquet")

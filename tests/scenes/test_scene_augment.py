@@ -77,10 +77,10 @@ def test_without_errors_a_cloud_is_exact(scenes):
 def test_on_for_training_off_for_tables():
     training = AugmentationConfig()
     assert min(training.noise, training.dropped, training.camera_shift, training.camera_turn) > 0
-    for preset in ("quick", "hour", "paper"):
+    for preset in ("quick", "medium", "full"):
         assert not load_config(preset).scenes.augmentation.nothing
         assert load_config(preset).scenes.test.sensor == SensorConfig()
-    with_noise = load_config("paper", ["scenes.test.sensor.noise=0.002"]).scenes.test.sensor
+    with_noise = load_config("full", ["scenes.test.sensor.noise=0.002"]).scenes.test.sensor
     assert with_noise == SensorConfig(noise=0.002)
 
 

@@ -13,11 +13,12 @@ import pytest
 from dmfc.config.load import load_config
 from dmfc.engine.engine import run_stages
 from dmfc.engine.ledger import Ledger
-from dmfc.engine.store import forget_damaged
+from dmfc.engine.store import repair
 from dmfc.errors import DmfcError
 from dmfc.pipeline.graph import GraphBuilder
 from dmfc.scenes.scene_set import SceneSet, write_shard
 from tests.support.shape_stages import TROUBLED, shape_refs
+from tests.support.small_files import small_files
 
 ROOT = Path(__file__).resolve().parents[2]
 CONFIG = load_config("smoke", ["scenes.train.kind=multi", "scenes.train.count=9"])
@@ -51,7 +52,7 @@ def test_a_full_disk_costs_the_shard_that_it_met(tmp_path, monkeypatch, calm):
     monkeypatch.setenv("TROUBLE", "1:full disk")
     (first, _), (second, why), (third, _) = make(tmp_path)
     assert (first, second, third) == ("ran", "failed", "ran")
-    assert "No space left on device" in why
+    assert "File too large" in why
     monkeypatch.delenv("TROUBLE")
     assert [status for status, _ in make(tmp_path)] == ["done", "ran", "done"]
     assert content(tmp_path) == calm
@@ -81,12 +82,14 @@ def test_a_truncated_shard_is_told_and_made_again(tmp_path, calm):
     make(tmp_path)
     ledger = Ledger(tmp_path)
     names = [shard.address for shard in shards()]
-    assert list(forget_damaged(ledger, names)) == []
+    assert list(repair(ledger, names)) == []
     path = ledger.folder(names[2]) / "scenes.parquet"
     path.write_bytes(path.read_bytes()[:-1000])
     with pytest.raises(DmfcError, match="`dmfc scenes make` makes it again"):
         SceneSet.open([path])
-    assert list(forget_damaged(ledger, names)) == [(names[2], ["scenes.parquet has changed"])]
+    (found,) = repair(ledger, names)
+    assert (found.address, found.wrong) == (names[2], ["scenes.parquet has changed"])
+    assert found.aside
     assert [status for status, _ in make(tmp_path)] == ["done", "done", "ran"]
     assert content(tmp_path) == calm
 
@@ -95,8 +98,8 @@ def test_a_full_disk_leaves_the_old_file(tmp_path, scenes):
     path = tmp_path / "shard.parquet"
     write_shard(path, scenes[:1], {})
     before = path.read_bytes()
-    (tmp_path / "shard.parquet.partial").symlink_to("/dev/full")
-    with pytest.raises(DmfcError, match=r"shard\.parquet cannot be written: .*No space left"):
+    told = r"shard\.parquet cannot be written: .*File too large"
+    with small_files(len(before) // 2), pytest.raises(DmfcError, match=told):
         write_shard(path, scenes, {})
     assert path.read_bytes() == before
     assert [entry.name for entry in tmp_path.iterdir()] == ["shard.parquet"]

@@ -16,10 +16,12 @@ from dmfc.config.scenes import CameraConfig, MatchingConfig, ScenesConfig
 from dmfc.errors import DmfcError
 from dmfc.network.checkpoint import new_network
 from dmfc.network.inference import predict
-from dmfc.scenes.custom import cloud_scene, import_clouds, read_cloud
+from dmfc.scenes.custom import cloud_scene, import_clouds
 from dmfc.scenes.publish.published import PublishedSet, packs_of, publish
+from dmfc.scenes.scene_set import SceneSet
 from dmfc.training.batch import collate
 from dmfc.training.data import SceneDataset
+from tests.support import clouds
 
 
 @pytest.fixture(scope="module")
@@ -89,30 +91,44 @@ def test_what_is_no_set_is_told_in_one_line(tmp_path):
         PublishedSet.open(str(tmp_path))
 
 
-@pytest.mark.parametrize("suffix", [".npy", ".ply", ".xyz", ".csv"])
-def test_own_clouds_of_any_kind(tmp_path, suffix):
-    points = np.random.default_rng(0).normal(size=(40, 3))
-    path = tmp_path / f"cloud{suffix}"
-    if suffix == ".npy":
-        np.save(path, np.concatenate([points, np.full((2, 3), np.nan)]))
-    elif suffix == ".ply":
-        trimesh.PointCloud(points).export(path)
-    else:
-        np.savetxt(path, points, delimiter="," if suffix == ".csv" else " ")
-    assert np.allclose(read_cloud(path, "cm"), points / 100, atol=1e-7)
+def test_clouds_of_others_are_read_as_predict_reads_them(tmp_path):
+    """Upper-case PLY and named fields too, in any unit; the shard holds metres."""
+    points = clouds.blob() - [0.1, -0.2, 0]
+    fields = np.zeros(len(points), dtype=[("rgb", "f4"), ("x", "f4"), ("y", "f4"), ("z", "f4")])
+    for k, name in enumerate("xyz"):
+        fields[name] = points[:, k] / 0.0254
+    np.save(tmp_path / "a.npy", fields)
+    text = "".join(f"{x} {y} {z}\n" for x, y, z in points / 0.0254)
+    (tmp_path / "b.xyz").write_text(text)
+    names = "".join(f"property float {name}\n" for name in "XYZ")
+    header = f"ply\nformat ascii 1.0\nelement vertex {len(points)}\n{names}end_header\n"
+    (tmp_path / "c.PLY").write_text(header + text)
+    paths = [tmp_path / name for name in ("a.npy", "b.xyz", "c.PLY")]
+    assert import_clouds(paths, tmp_path / "new" / "s.parquet", ScenesConfig(), "inch") == 3
+    found = SceneSet.open([tmp_path / "new" / "s.parquet"])
+    for scene in (found[k] for k in range(3)):
+        low, high = scene.points.min(0), scene.points.max(0)
+        assert np.allclose([low, high], [points.min(0), points.max(0)], atol=2e-3)
 
 
-def test_errors_of_own_clouds(tmp_path):
-    for name, content, why in (
-        ("a.pcd", "", "no cloud file"),
-        ("b.xyz", "1 2\n", "not points x y z"),
-        ("c.xyz", "one two three\n", "cannot be read"),
-    ):
-        (tmp_path / name).write_text(content)
-        with pytest.raises(DmfcError, match=why):
-            read_cloud(tmp_path / name)
+def test_points_without_an_answer_are_left_out_of_a_scene_on_request(tmp_path):
+    points = clouds.blob() - [0.1, -0.2, 0]
+    dirty = np.concatenate([np.zeros((5, 3)), points, np.full((2, 3), np.nan)])
+    np.save(tmp_path / "a.npy", dirty)
+    out = tmp_path / "s.parquet"
+    with pytest.raises(DmfcError, match=r"a\.npy: 2 of 3007 points are NaN.*--drop-invalid"):
+        import_clouds([tmp_path / "a.npy"], out, ScenesConfig())
+    np.save(tmp_path / "a.npy", dirty[:-2])
+    with pytest.raises(DmfcError, match=r"a\.npy: 5 of 3005 points are exactly \(0, 0, 0\)"):
+        import_clouds([tmp_path / "a.npy"], out, ScenesConfig())
+    assert not out.exists()
+    assert import_clouds([tmp_path / "a.npy"], out, ScenesConfig(), drop_invalid=True) == 1
+
+
+def test_errors_of_custom_clouds(tmp_path):
+    np.savetxt(tmp_path / "b.xyz", clouds.blob())
     with pytest.raises(DmfcError, match="unknown unit 'feet'"):
-        read_cloud(tmp_path / "b.xyz", "feet")
+        import_clouds([tmp_path / "b.xyz"], tmp_path / "s", ScenesConfig(), "feet")
     with pytest.raises(DmfcError, match="at least 16"):
         cloud_scene(np.zeros((3, 3)), 0, ScenesConfig())
 
@@ -120,18 +136,18 @@ def test_errors_of_own_clouds(tmp_path):
 @pytest.mark.parametrize(
     ("scale", "above", "why"),
     [
-        ([1000, 1000, 1000], -1.0, r"mine\.npy: it reaches 100 m from the table's centre.*--unit"),
-        ([1, 1, -1], -1.0, r"mine\.npy: it reaches 0\.05 m below the table top"),
-        ([1, 1, -1], 0.01, r"mine\.npy: it has no points there"),
+        ([1000, 1000, 1000], -1.0, r"mine\.npy: the cloud is 119\.9 m across.*--unit mm"),
+        ([5, 1, 1], -1.0, r"mine\.npy: it reaches 0\.\d+ m from the table's centre.*--unit"),
+        ([1, 1, -1], -1.0, r"mine\.npy: it reaches 0\.1\d+ m below the table top"),
+        ([1, 1, -1], 0.01, r"mine\.npy: the cloud has 0 points \(3000 were left out\)"),
     ],
 )
 def test_a_cloud_that_is_not_on_the_table_is_refused(tmp_path, scale, above, why):
     """In another unit, or in the frame of a camera that looks down."""
-    corners = np.array([[x, y, z] for x in (-0.1, 0.1) for y in (0, 0.1) for z in (0, 0.05)])
-    np.save(tmp_path / "mine.npy", np.repeat(corners, 4, axis=0))
-    out = tmp_path / "scenes.parquet"
+    points, out = clouds.blob(), tmp_path / "scenes.parquet"
+    np.save(tmp_path / "mine.npy", points)
     assert import_clouds([tmp_path / "mine.npy"], out, ScenesConfig(points=64)) == 1
-    np.save(tmp_path / "mine.npy", np.repeat(corners, 4, axis=0) * scale)
+    np.save(tmp_path / "mine.npy", points * scale)
     with pytest.raises(DmfcError, match=why):
         import_clouds([tmp_path / "mine.npy"], out, ScenesConfig(points=64), above=above)
 

@@ -12,6 +12,14 @@ CAMERAS = table_cameras(CameraConfig())
 TABLE = trimesh.creation.box((0.6, 0.6, 0.02)).apply_translation([0, 0, -0.01])
 
 
+def blob() -> np.ndarray:
+    """[3000, 3] a lumpy surface on the table, off the origin."""
+    generator = np.random.default_rng(1)
+    direction = generator.normal(size=(3000, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    return direction * [0.03, 0.04, 0.06] + [0.1, -0.2, 0.06]
+
+
 def standing(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
     """The mesh with its lowest point on z = 0 and its box centred about the z axis."""
     low, high = mesh.bounds

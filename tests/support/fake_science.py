@@ -34,7 +34,7 @@ def fake_refs(selectors):
 
 
 def hand(ctx):
-    (ctx.out / "hand").touch()
+    (ctx.out / "hand").write_text("five fingers")
 
 
 def object(ctx):
@@ -44,7 +44,7 @@ def object(ctx):
 
 
 def grasps(ctx):
-    (ctx.out / "grasps").touch()
+    (ctx.out / "grasps").write_text("from above")
 
 
 def scenes(ctx):
@@ -87,7 +87,7 @@ def evaluate(ctx):
 
 
 def _learn(ctx, stage):
-    (ctx.out / "weights").touch()
+    (ctx.out / "weights").write_text("of layers")
     (ctx.out / "picture.png").write_bytes(b"\x89PNG")
     epochs = getattr(ctx.config["training"], stage).epochs
     with (ctx.out / "metrics.jsonl").open("w") as out:

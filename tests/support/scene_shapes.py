@@ -9,6 +9,7 @@ import igl
 import numpy as np
 import trimesh
 
+from dmfc.config.closing import ClosingConfig
 from dmfc.geometry.grid import Grid
 from dmfc.grasps.grasp_set import GraspSet
 from dmfc.hand.model import HandModel
@@ -121,8 +122,7 @@ def paddle() -> HandModel:
         upper=np.array([1.0]),
         open_joints=np.zeros(1),
         flexion=np.ones(1),
-        opening=0.0,
-        squeeze=0.0,
+        closing=ClosingConfig(opening=0.0, squeeze=0.0),
         link_names=["palm", "finger"],
         parents=np.array([-1, 0]),
         T_parent_link=np.stack([np.eye(4), T_palm_finger]),

@@ -13,6 +13,7 @@ from dmfc.pipeline.graph import ObjectRef
 from dmfc.pipeline.kinds import KINDS
 from dmfc.pipeline.stages import make_scenes
 from tests.support import scene_shapes
+from tests.support.small_files import small_files
 
 SHAPES = {
     name: StageKind(name, f"tests.support.shape_stages:{name}", KINDS[name].version)
@@ -51,12 +52,12 @@ def scenes(ctx):
     trouble = os.environ.get("TROUBLE", "")
     which, _, what = trouble.partition(":")
     if which == ctx.name.rpartition(":")[2]:
-        partial = ctx.out / "scenes.parquet.partial"
         if what == "full disk":
-            partial.symlink_to("/dev/full")
+            with small_files(1000):
+                make_scenes(ctx)
         elif what == "killed":
             Path(os.environ["TROUBLE_SIGN"]).touch()
-            partial.write_bytes(b"half a shard")
+            (ctx.out / "scenes.parquet").write_bytes(b"half a shard")
             time.sleep(0.05)
             os.kill(os.getpid(), signal.SIGKILL)
     make_scenes(ctx)

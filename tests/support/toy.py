@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from torch.utils.data import DataLoader
 
+from dmfc.config.closing import ClosingConfig
 from dmfc.config.network import NetworkConfig
 from dmfc.geometry.grid import Grid
 from dmfc.geometry.points import farthest_points
@@ -64,8 +65,7 @@ def toy_hand() -> HandModel:
         upper=np.array([0.9, 0.9]),
         open_joints=np.zeros(2),
         flexion=np.ones(2),
-        opening=0.0,
-        squeeze=0.0,
+        closing=ClosingConfig(opening=0.0, squeeze=0.0),
         link_names=["palm", "left", "right"],
         parents=np.array([-1, 0, 0]),
         T_parent_link=T,

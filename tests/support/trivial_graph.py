@@ -6,7 +6,7 @@ from dmfc.engine.stage import Stage
 TRIVIAL = registry(
     *(
         StageKind(name, f"tests.support.trivial_stages:{name}", version=1)
-        for name in ("add", "slow", "gated", "fail", "die", "die_once", "seen")
+        for name in ("add", "slow", "gated", "fail", "die", "die_once", "seen", "crash", "sick")
     ),
     StageKind("threads", "tests.support.trivial_stages:threads", version=1, cpus=lambda config: 2),
 )

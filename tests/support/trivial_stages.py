@@ -1,13 +1,15 @@
 """Stages without science, to test the engine by. Imported by Ray's workers too."""
 
+import ctypes
+import errno
 import json
 import os
 import signal
 import time
 from pathlib import Path
 
-from dmfc.engine.ledger import failure_in
-from dmfc.errors import DmfcError
+from dmfc.engine.record import failure_in
+from dmfc.errors import DmfcError, MachineError
 
 
 def add(ctx):
@@ -61,6 +63,40 @@ def die_once(ctx):
 def die(ctx):
     """Kill the process at every attempt."""
     os.kill(os.getpid(), signal.SIGKILL)
+
+
+def crash(ctx):
+    """Read where nothing is, at every attempt."""
+    ctypes.string_at(0)
+
+
+def sick(ctx):
+    """Raise an error of the machine: everywhere, or as `add` where the environment has no SICK.
+
+    The file `ran_on` has a line of each attempt; sound ones wait until it has so many sick ones.
+    """
+    error = ctx.config.get("error") or os.environ.get("SICK")
+    if ctx.config.get("ran_on"):
+        path = Path(ctx.config["ran_on"])
+        while not error and path.read_text().count(" sick\n") < ctx.config["patience"]:
+            time.sleep(0.02)
+        with path.open("a") as log:
+            log.write(f"{ctx.name} {'sick' if error else 'sound'}\n")
+    message = "the machine is sick"
+    if error == "machine":
+        raise MachineError(message)
+    if error == "disk":
+        raise OSError(errno.EIO, message)
+    if error == "memory":
+        raise MemoryError(message)
+    if error == "package":
+        raise ImportError(message)
+    if error == "caused by disk":
+        try:
+            raise OSError(errno.EIO, "no disk")
+        except OSError as cause:
+            raise DmfcError(message) from cause
+    add(ctx)
 
 
 def threads(ctx):

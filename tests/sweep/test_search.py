@@ -7,7 +7,7 @@ from statistics import mean
 
 import pytest
 
-from dmfc.config.load import shipped_file
+from dmfc.config.shipped import shipped_file
 from dmfc.engine.engine import run_stages
 from dmfc.engine.ledger import Ledger
 from dmfc.errors import DmfcError

@@ -4,7 +4,7 @@ import dataclasses
 
 import pytest
 
-from dmfc.config.load import shipped_names
+from dmfc.config.shipped import shipped_names
 from dmfc.errors import DmfcError
 from dmfc.sweep.sweep_file import cell_config, load_sweep
 
@@ -84,6 +84,7 @@ def error(tmp_path, text) -> str:
         ("cells:\n  a: {paper: {valid: [7, 0]}}\n", "between 0 and 1"),
         ("presets: {mine: {training.batch_size: 0}}\n" + CELL, "presets.mine: training.batch_size"),
         ("cells:\n  a: {set: {execution.hold_time: -1}}\n", "cell 'a': execution.hold_time must"),
+        ("presets: {paper: {}}\n" + CELL, "presets: preset 'paper' is now called 'full'"),
         ("[1, 2", "not valid YAML"),
         ("- a\n", "wants 'key: value' pairs"),
     ],
@@ -119,10 +120,10 @@ def test_table_one_is_the_papers():
         "overall": (0.55, 0.02),
     }
     for name in ("collision", "guidance", "q1_upper"):
-        weights = cell_config(sweep, cells[name], 0, "paper", []).losses.weights
+        weights = cell_config(sweep, cells[name], 0, "full", []).losses.weights
         alone = {"chamfer": 0.0, "collision": 0.0, "guidance": 0.0, "q1_upper": 0.0, name: 1.0}
         assert {term: getattr(weights, term) for term in alone} == alone
-    weights = cell_config(sweep, cells["all"], 0, "paper", []).losses.weights
+    weights = cell_config(sweep, cells["all"], 0, "full", []).losses.weights
     assert min(getattr(weights, term) for term in alone) > 0
 
 
@@ -132,7 +133,7 @@ def test_a_checked_row_is_the_same_model_executed_with_the_cloud_check(name):
     cells = {cell.name: cell for cell in sweep.cells}
     for model in ("pretrained", "all"):
         plain, checked = (
-            cell_config(sweep, cells[cell], 0, "paper", []) for cell in (model, f"{model}_checked")
+            cell_config(sweep, cells[cell], 0, "full", []) for cell in (model, f"{model}_checked")
         )
         assert not plain.execution.cloud_check
         execution = dataclasses.replace(plain.execution, cloud_check=True)
@@ -142,7 +143,7 @@ def test_a_checked_row_is_the_same_model_executed_with_the_cloud_check(name):
 
 def test_table_two_has_ten_thousand_scenes_of_several_objects():
     sweep = load_sweep("table2")
-    config = cell_config(sweep, sweep.cells[0], 0, "paper", [])
+    config = cell_config(sweep, sweep.cells[0], 0, "full", [])
     assert config.scenes.train.count == 10_000
     assert (config.scenes.train.kind, config.scenes.test.kind) == ("multi", "multi")
     assert (config.scenes.train.min_objects, config.scenes.train.max_objects) == (3, 5)

@@ -20,6 +20,7 @@ from dmfc.network.checkpoint import load_network
 from dmfc.network.inference import predict
 from dmfc.training.failure import read_failure
 from dmfc.training.fit import fit
+from dmfc.training.module import GraspTraining
 from dmfc.training.replay import replay
 from dmfc.training.settings import FitConfig
 from tests.support.toy import NETWORK, ToyData, toy_atlas, toy_hand, toy_scene
@@ -119,6 +120,41 @@ def test_resumes_exactly(tmp_path, stage):
         assert torch.equal(value, parts[name]), name
     again = run(tmp_path / "parts", stage, config)  # nothing left to do
     assert exact(again) == exact(expected)
+
+
+def flipped(path: Path) -> None:
+    """One bit in the middle of the file is another."""
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+
+
+def test_a_damaged_checkpoint_is_not_gone_on_from(tmp_path, caplog):
+    def die(fraction: float, message: str) -> None:
+        if fraction > 0.6:
+            raise StopError
+
+    expected = run(tmp_path / "whole")
+    with pytest.raises(StopError):
+        run(tmp_path / "parts", progress=die)
+    (kept,) = (tmp_path / "parts" / "pretrain-work").glob("*.ckpt")
+    flipped(kept)
+    assert exact(run(tmp_path / "parts")) == exact(expected)
+    assert f"'{kept}' is damaged and not used" in caplog.text
+    assert len(list(kept.parent.glob("*.ckpt"))) == 1
+
+
+def test_weights_that_are_not_finite_are_no_result(tmp_path, monkeypatch):
+    """Finite losses do not tell of the last step."""
+    end = GraspTraining.on_train_epoch_end
+
+    def spoil(self):
+        end(self)
+        next(self.net.parameters()).data[0] = float("inf")
+
+    monkeypatch.setattr(GraspTraining, "on_train_epoch_end", spoil)
+    with pytest.raises(DmfcError, match=r"the weights after pretrain: '.*' has .* not finite"):
+        run(tmp_path, config=with_epochs(CONFIG, "pretrain", 1))
 
 
 def test_seed_decides_the_weights(tmp_path):

@@ -75,7 +75,7 @@ def test_the_centre_is_ahead_of_the_palm_and_is_kept_with_the_weights(tmp_path):
     ahead = hand.palm_reference + 0.03 * hand.palm_normal
     np.testing.assert_allclose(net.centre.numpy(), ahead, atol=1e-7)
     assert new_network(NETWORK, hand).centre.abs().max() == 0
-    assert NetworkConfig().offset_to == "origin"
+    assert NetworkConfig().offset_to == "grasp"
 
     save_file(net.state_dict(), tmp_path / "weights.safetensors")
     other = new_network(NETWORK, hand)

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from dmfc.config.grasps import GraspsConfig
 from dmfc.config.physics import PhysicsConfig
 from dmfc.errors import DmfcError
 from dmfc.grasps.check import check, checking_world
+from dmfc.grasps.exchange.foreign import ForeignGrasps
 from dmfc.grasps.exchange.hand_map import HandMap
 from dmfc.grasps.grasp_set import GraspSet
 from dmfc.grasps.planner import palm_hits
@@ -19,17 +19,8 @@ from dmfc.hand.description import HandDescription
 from dmfc.hand.model import HandModel
 from dmfc.objects.model import ObjectModel
 
-
-@dataclass(frozen=True)
-class ForeignGrasps:
-    """n grasps as a file has them, in metres and radians."""
-
-    T_object_root: np.ndarray
-    """[n, 4, 4] pose of their hand's root in the frame of our object."""
-    joints: np.ndarray
-    """[n, J] angles, in the order of their hand."""
-    where: list[str]
-    """[n] file and number of each, for messages."""
+REACH = 0.2
+"""Metres: a hand farther than its own length from an object does not grasp it."""
 
 
 def to_grasp_set(
@@ -45,8 +36,9 @@ def to_grasp_set(
 
     Where several of their joints are one degree of freedom of ours (J1 and J2 of a finger), it
     gets the angle nearest to all of them; the note `coupling_error` has the largest deviation, rad.
-    Raises DmfcError for another hand, another number of joints, or a joint that is more than
-    `tolerance` rad beyond its limits (less is clipped).
+    A grasp of which a joint is more than `tolerance` rad beyond its limits is skipped, and counted
+    in the note `skipped`; less is clipped. Raises DmfcError for another hand, another number of
+    joints, grasps out of reach of the object, or where all are skipped.
     """
     matrix = hand_map.matrix(description)
     if foreign.joints.shape[1] != len(hand_map.joints):
@@ -56,11 +48,16 @@ def to_grasp_set(
             "(option --hand-map)"
         )
     joints = foreign.joints @ np.linalg.pinv(matrix).T
+    allowed = np.flatnonzero(_within_limits(joints, hand, tolerance))
+    if not len(allowed):
+        raise DmfcError(_beyond(joints[0], hand, foreign.where[0]))
+    skipped = len(joints) - len(allowed)
+    foreign, joints = foreign[allowed], joints[allowed]
     deviation = np.abs(joints @ matrix.T - foreign.joints).max(initial=0.0)
-    _check_limits(joints, hand, foreign.where, tolerance)
     T_object_palm = foreign.T_object_root @ hand_map.T_root_palm
     position, rotation = T_object_palm[:, :3, 3], T_object_palm[:, :3, :3]
     reference = position + rotation @ hand.palm_reference
+    _require_near(reference, model, foreign.where)
     count = len(joints)
     return GraspSet(
         object_id=model.id,
@@ -71,7 +68,11 @@ def to_grasp_set(
         joints=np.clip(joints, hand.lower, hand.upper),
         palm_hit=palm_hits(model, reference, rotation @ hand.palm_normal, config.palm_reach),
         **{n: np.full(count, np.nan) for n in ("q1", "penetration", "robustness", "contacts")},
-        notes={"coupling_error": f"{deviation:.4f}", "imported": str(count)},
+        notes={
+            "coupling_error": f"{deviation:.4f}",
+            "imported": str(count),
+            **({"skipped": str(skipped)} if skipped else {}),
+        },
     )
 
 
@@ -99,31 +100,26 @@ def verified(
     )
 
 
-def pick_scale(scales: np.ndarray, wanted: float | None, source: Path) -> np.ndarray:
-    """Rows [m] of the grasps made for one size of the object.
-
-    Raises DmfcError if there are several sizes and none is asked for, or not the one asked for.
-    """
-    sizes = ", ".join(f"{size:g}" for size in np.unique(scales)[:8])
-    if wanted is None:
-        if len(np.unique(scales)) > 1:
-            raise DmfcError(
-                f"{source}: grasps for several sizes of the object ({sizes}): choose "
-                "one with --scale"
-            )
-        return np.arange(len(scales))
-    rows = np.flatnonzero(np.isclose(scales, wanted, rtol=1e-3))
-    if not len(rows):
-        raise DmfcError(f"{source}: no grasp for --scale {wanted:g}; there are {sizes}")
-    return rows
+def _within_limits(joints: np.ndarray, hand: HandModel, tolerance: float) -> np.ndarray:
+    """[n] whether all joints [n, D] are at most `tolerance` rad beyond their limits."""
+    return (np.maximum(hand.lower - joints, joints - hand.upper) <= tolerance).all(axis=1)
 
 
-def _check_limits(joints: np.ndarray, hand: HandModel, where: list[str], tolerance: float) -> None:
-    beyond = np.maximum(hand.lower - joints, joints - hand.upper)
-    if beyond.max(initial=-np.inf) <= tolerance:
-        return
-    row, dof = np.unravel_index(np.argmax(beyond), beyond.shape)
-    raise DmfcError(
-        f"{where[row]}: joint {hand.dof_names[dof]} at {joints[row, dof]:.3f} rad is out of its "
+def _beyond(joints: np.ndarray, hand: HandModel, where: str) -> str:
+    """What is wrong with a grasp of joints [D] out of limits."""
+    dof = int(np.argmax(np.maximum(hand.lower - joints, joints - hand.upper)))
+    return (
+        f"{where}: joint {hand.dof_names[dof]} at {joints[dof]:.3f} rad is out of its "
         f"limits {hand.lower[dof]:.3f} to {hand.upper[dof]:.3f} (option --tolerance clips)"
     )
+
+
+def _require_near(reference: np.ndarray, model: ObjectModel, where: list[str]) -> None:
+    """Raises DmfcError where most palms [n, 3] are out of reach of the object."""
+    distance = cKDTree(model.surface_points).query(reference)[0]
+    if np.median(distance) > REACH:
+        far = int(np.argmax(distance))
+        raise DmfcError(
+            f"{where[far]}: the palm is {distance[far]:.3g} m from '{model.id}': the grasps are "
+            "for another object, another size, or in another frame (option --object)"
+        )

@@ -1,12 +1,13 @@
 """DexGraspBench: one dict per `.npy` file, and a folder per object, read and written.
 
-Its object frame lies at the centre of the bounding box, its meshes have half the diagonal of that
-box as unit, and `obj_scale` is this half-diagonal in metres. `pregrasp_qpos`, `grasp_qpos` and
-`squeeze_qpos` hold the root's pose in the world (xyz, wxyz) and the joint angles.
+Its object frame is that of its meshes: they lie about the centre of their bounding box, of which
+half the diagonal is their unit, and `obj_scale` is this half-diagonal in metres. `pregrasp_qpos`,
+`grasp_qpos` and `squeeze_qpos` hold the root's pose in the world (xyz, wxyz) and the joint angles.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,8 +18,8 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from dmfc.errors import DmfcError
-from dmfc.geometry.transforms import inverse, transform
-from dmfc.grasps.exchange.convert import ForeignGrasps
+from dmfc.geometry.transforms import inverse
+from dmfc.grasps.exchange.foreign import ForeignGrasps, numbers, pose, size
 from dmfc.grasps.exchange.hand_map import HandMap
 from dmfc.grasps.exchange.objects_file import load_objects
 from dmfc.grasps.grasp_set import GraspSet
@@ -27,31 +28,49 @@ from dmfc.hand.model import HandModel
 from dmfc.objects.model import ObjectModel
 
 SUFFIX = ".npy"
+_TOLERANCE = 0.03
+"""Share by which half a diagonal may differ from the scale: their simplified meshes are up to 1.6 %
+larger than the normalised ones."""
+_OFF_CENTRE = 0.02
+"""Of half the diagonal: how far the box of their simplified meshes may lie from the origin."""
 _KEYS = ("obj_pose", "obj_scale", "grasp_qpos")
 
 
-def read(paths: Sequence[Path], model: ObjectModel) -> ForeignGrasps:
-    """One grasp per file, in the frame of `model`.
+def read(paths: Sequence[Path]) -> ForeignGrasps:
+    """One grasp per file, in the frame of their mesh times the scale.
 
-    Raises DmfcError if a file is something else, or of an object of another size.
+    Raises DmfcError if a file is something else.
     """
-    centre, size = _box(model)
-    poses, joints = [], []
+    poses, joints, scales = [], [], []
     for path in paths:
         grasp = _grasp(path)
-        scale = float(grasp["obj_scale"])
-        if not np.isclose(scale, size, rtol=0.01):
-            raise DmfcError(
-                f"{path}: obj_scale {scale:.4f}, but half the diagonal of '{model.id}' is "
-                f"{size:.4f} m: another object or size (option --object)"
-            )
-        pose = inverse(_pose(grasp["obj_pose"])) @ _pose(grasp["grasp_qpos"])
-        pose[:3, 3] += centre
-        poses.append(pose)
-        joints.append(np.asarray(grasp["grasp_qpos"], dtype=np.float64)[7:])
+        scales.append(size(grasp["obj_scale"], str(path), "obj_scale"))
+        root = numbers(grasp["grasp_qpos"], None, str(path), "grasp_qpos")
+        if len(root) < 7:
+            raise DmfcError(f"{path}: grasp_qpos has {len(root)} numbers, not 7 and the joints'")
+        T_world_object = _pose(numbers(grasp["obj_pose"], 7, str(path), "obj_pose"), path)
+        poses.append(inverse(T_world_object) @ _pose(root, path))
+        joints.append(root[7:])
         if len(joints[-1]) != len(joints[0]):
             raise DmfcError(f"{path}: {len(joints[-1])} joints, but {len(joints[0])} before")
-    return ForeignGrasps(np.stack(poses), np.stack(joints), [str(path) for path in paths])
+    return ForeignGrasps(
+        np.stack(poses), np.stack(joints), [str(path) for path in paths], np.array(scales)
+    )
+
+
+def in_frame(foreign: ForeignGrasps, model: ObjectModel) -> ForeignGrasps:
+    """The grasps in the frame of `model`. Raises DmfcError where it has another size."""
+    centre, half = _frame(model)
+    scale = float(foreign.scales[0])
+    if abs(half / scale - 1) > _TOLERANCE:
+        raise DmfcError(
+            f"{foreign.where[0]}: obj_scale {scale:.4f}, but half the diagonal of '{model.id}' is "
+            f"{half:.4f} m: another object or size (option --object; a mesh in metres takes "
+            "?unit=m)"
+        )
+    T_object_root = foreign.T_object_root.copy()
+    T_object_root[:, :3, 3] += centre
+    return dataclasses.replace(foreign, T_object_root=T_object_root)
 
 
 def write(
@@ -67,7 +86,7 @@ def write(
     The pre-grasp is our open hand at the same pose, the squeeze what our fingers are commanded.
     """
     name = model.id.replace("/", "__")
-    centre, scale = _box(model)
+    centre, scale = _frame(model)
     object_folder = (folder / "objects" / name).resolve()
     _write_object(model, centre, scale, object_folder)
     T_object_root = grasps.T_object_palm @ inverse(hand_map.T_root_palm)
@@ -112,10 +131,16 @@ def _write_object(model: ObjectModel, centre: np.ndarray, scale: float, folder: 
     (folder / "info" / "simplified.json").write_text(json.dumps(info, indent=1))
 
 
-def _box(model: ObjectModel) -> tuple[np.ndarray, float]:
-    """Centre of the bounding box [3] and half its diagonal, metres."""
+def _frame(model: ObjectModel) -> tuple[np.ndarray, float]:
+    """Origin of their frame in ours [3], and half the diagonal of the bounding box, metres.
+
+    Their origin is the centre of the box of the mesh that they normalised. Of a mesh of the user's
+    own that lies about its origin it is this origin: such are their meshes, simplified since.
+    """
     low, high = model.vertices.min(0), model.vertices.max(0)
-    return (low + high) / 2, float(np.linalg.norm(high - low) / 2)
+    centre, half = (low + high) / 2, float(np.linalg.norm(high - low) / 2)
+    theirs = model.source == "folder" and np.linalg.norm(centre) < _OFF_CENTRE * half
+    return (np.zeros(3) if theirs else centre), half
 
 
 def _grasp(path: Path) -> dict[str, Any]:
@@ -123,12 +148,9 @@ def _grasp(path: Path) -> dict[str, Any]:
     grasp = found[0] if len(found) == 1 else None
     if not isinstance(grasp, dict) or any(key not in grasp for key in _KEYS):
         raise DmfcError(f"{path}: not a grasp of DexGraspBench (a dict with {', '.join(_KEYS)})")
-    if np.shape(grasp["obj_pose"]) != (7,) or np.ndim(grasp["grasp_qpos"]) != 1:
-        raise DmfcError(f"{path}: obj_pose must have 7 numbers and grasp_qpos one row")
     return grasp
 
 
-def _pose(qpos: Any) -> np.ndarray:
+def _pose(qpos: np.ndarray, path: Path) -> np.ndarray:
     """[4, 4] from x y z, w x y z and what follows."""
-    values = np.asarray(qpos, dtype=np.float64)[:7]
-    return transform(Rotation.from_quat(values[3:], scalar_first=True).as_matrix(), values[:3])
+    return pose(qpos[:3], qpos[3:7], str(path), "a pose")

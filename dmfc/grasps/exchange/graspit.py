@@ -8,11 +8,10 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from dmfc.errors import DmfcError
-from dmfc.geometry.transforms import inverse, transform
-from dmfc.grasps.exchange.convert import ForeignGrasps
+from dmfc.errors import DmfcError, one_line
+from dmfc.geometry.transforms import inverse
+from dmfc.grasps.exchange.foreign import ForeignGrasps, numbers, pose
 
 SUFFIX = ".xml"
 _TRANSFORM = re.compile(r"^\((.*)\)\s*\[(.*)\]$", re.DOTALL)
@@ -46,8 +45,8 @@ def _world(path: Path) -> tuple[np.ndarray, np.ndarray]:
         root = ElementTree.fromstring(text)
     except OSError as error:
         raise DmfcError(f"{path}: cannot be read ({error})") from error
-    except ElementTree.ParseError as error:
-        raise DmfcError(f"{path}: not XML ({error})") from error
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
+        raise DmfcError(f"{path}: not XML ({one_line(error)})") from error
     robot, body = _only(root, "robot", path), _only(root, "graspableBody", path)
     values = robot.find("dofValues")
     if values is None:
@@ -70,14 +69,10 @@ def _pose(element: ElementTree.Element, path: Path) -> np.ndarray:
     if match is None:
         raise DmfcError(f"{path}: <{element.tag}> has no fullTransform (w x y z)[x y z]")
     quaternion, position = (_numbers(part, path) for part in match.groups())
-    if len(quaternion) != 4 or len(position) != 3 or not np.linalg.norm(quaternion) > 0:
+    if len(quaternion) != 4 or len(position) != 3:
         raise DmfcError(f"{path}: <{element.tag}> has no fullTransform (w x y z)[x y z]")
-    rotation = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
-    return transform(rotation, position / 1000)
+    return pose(position / 1000, quaternion, str(path), f"<{element.tag}>")
 
 
 def _numbers(text: str | None, path: Path) -> np.ndarray:
-    try:
-        return np.array([float(word) for word in (text or "").split()])
-    except ValueError as error:
-        raise DmfcError(f"{path}: {error}") from error
+    return numbers((text or "").split(), None, str(path), "a row of numbers")

@@ -5,10 +5,11 @@ Such a map is data, a YAML file of `dmfc/grasps/exchange/data` or of the user's 
 
 from __future__ import annotations
 
+import io
+import math
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from omegaconf import MISSING, OmegaConf
@@ -16,9 +17,9 @@ from omegaconf.errors import OmegaConfBaseException
 from scipy.spatial.transform import Rotation
 from yaml import YAMLError
 
-from dmfc.config.interpolation import refuse_interpolation
-from dmfc.errors import DmfcError, first_line, unknown_name
+from dmfc.errors import DmfcError, first_line, one_line, unknown_name
 from dmfc.geometry.transforms import transform
+from dmfc.grasps.exchange.foreign import numbers, pose
 from dmfc.hand.description import HandDescription
 
 
@@ -85,14 +86,24 @@ def load_hand_map(name: str) -> HandMap:
             raise unknown_name("format", name, [p.stem for p in folder.glob("*.yaml")])
         raise DmfcError(f"hand map '{name}' is not a file (option --hand-map)")
     try:
-        given = OmegaConf.load(path)
-        refuse_interpolation(given, f"hand map {path}")
-        loaded: Any = OmegaConf.merge(OmegaConf.structured(HandMap), given)
-        found = OmegaConf.to_object(loaded)
+        text = path.read_text(encoding="utf-8")
+        if "${" in text:
+            raise DmfcError(f"hand map {path}: write values out, instead of '${{...}}'")
+        given = OmegaConf.load(io.StringIO(text))
+        found = OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(HandMap), given))
     except OmegaConfBaseException as error:
         where = f" (key {error.full_key})" if error.full_key else ""
         raise DmfcError(f"hand map {path}: {first_line(error)}{where}") from error
-    except (YAMLError, TypeError, OSError) as error:
-        raise DmfcError(f"hand map {path}: {' '.join(str(error).split())}") from error
+    except (
+        *(YAMLError, TypeError, ValueError, OSError, RecursionError),
+        *(AttributeError, AssertionError),
+    ) as error:
+        raise DmfcError(f"hand map {path}: {one_line(error)}") from error
     assert isinstance(found, HandMap)
+    numbers(found.position, 3, f"hand map {path}", "position")
+    rotation = numbers(found.rotation, 4, f"hand map {path}", "rotation")
+    pose(np.zeros(3), rotation, f"hand map {path}", "rotation")
+    for name, entry in found.joints.items():
+        if entry.sign == 0 or not math.isfinite(entry.sign):
+            raise DmfcError(f"hand map {path}: joints.{name}.sign is {entry.sign}")
     return found

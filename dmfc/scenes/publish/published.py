@@ -6,7 +6,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import io
 import json
 import os
@@ -21,6 +20,7 @@ import numpy as np
 from dmfc.assets.packs import list_packs
 from dmfc.config.scenes import MatchingConfig
 from dmfc.errors import DmfcError
+from dmfc.files.digest import bytes_digest, file_digest
 from dmfc.files.storage import join, read_file, write_file
 from dmfc.grasps.grasp_set import GraspSet
 from dmfc.scenes.publish.stats import scene_stats
@@ -29,6 +29,8 @@ from dmfc.scenes.scene_set import SceneSet
 VERSION = 2
 KIND = "dmfc.scene_set"
 MANIFEST = "manifest.json"
+ENTRIES = {"shards", "grasps", "grasps_sha256", "palm_reference", "scenes", "matching"}
+"""What every manifest has, as far as it is read."""
 
 
 @dataclass(frozen=True)
@@ -45,13 +47,19 @@ class PublishedSet:
         text = read_file(join(place, MANIFEST))
         try:
             manifest = json.loads(text)
-        except json.JSONDecodeError as error:
+        except (ValueError, RecursionError) as error:
             raise DmfcError(f"{join(place, MANIFEST)} is damaged: {error}") from error
-        if manifest.get("kind") != KIND or manifest.get("version") != VERSION:
+        if not isinstance(manifest, dict) or (manifest.get("kind"), manifest.get("version")) != (
+            KIND,
+            VERSION,
+        ):
             raise DmfcError(
                 f"{join(place, MANIFEST)} is no scene set of version {VERSION}: "
                 "`dmfc scenes make` or `import` writes it anew"
             )
+        missing = ENTRIES - set(manifest)
+        if missing:
+            raise DmfcError(f"{join(place, MANIFEST)} is damaged: no {', '.join(sorted(missing))}")
         return cls(place, manifest)
 
     @cached_property
@@ -79,7 +87,7 @@ class PublishedSet:
 
     def _holds(self, file: str, sha256: str) -> bool:
         try:
-            return _digest(read_file(join(self.place, file))) == sha256
+            return bytes_digest(read_file(join(self.place, file))) == sha256
         except DmfcError:
             return False
 
@@ -126,7 +134,7 @@ def publish(
         "bytes": sum(shard["bytes"] for shard in listed),
         "shards": listed,
         "grasps": {name: _grasp_file(place, name, grasps[name], copy) for name in used},
-        "grasps_sha256": {name: _digest(grasps[name].read_bytes()) for name in used},
+        "grasps_sha256": {name: file_digest(grasps[name]) for name in used},
     }
     text = json.dumps(manifest, indent=1) + "\n"
     write_file(join(place, MANIFEST), text.encode())
@@ -148,7 +156,7 @@ def _listed(
             "file": _put(place, path, f"shards/{number:05d}.parquet", copy),
             "scenes": shard["numbers"],
             "bytes": path.stat().st_size,
-            "sha256": _digest(path.read_bytes()),
+            "sha256": file_digest(path),
         }
         for number, (path, shard) in enumerate(zip(shards, scenes.manifests, strict=True))
     ]
@@ -164,7 +172,3 @@ def _put(place: str, path: Path, name: str, copy: bool) -> str:
         return os.path.relpath(path, place)
     write_file(join(place, name), path.read_bytes())
     return name
-
-
-def _digest(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()

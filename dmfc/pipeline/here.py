@@ -1,0 +1,73 @@
+"""What lies outside the store, on this machine: asset packs, and files of the user's own.
+
+Whoever planned a stage has seen them. Where they are missing or others, the machine is at fault.
+"""
+
+from __future__ import annotations
+
+import functools
+import platform
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from dmfc.engine.context import StageContext
+from dmfc.engine.stage import Stage
+from dmfc.errors import DmfcError, MachineError
+
+if TYPE_CHECKING:
+    from dmfc.objects.sources import ObjectSource
+
+
+def with_packs(stage: Callable[[StageContext], None]) -> Callable[[StageContext], None]:
+    """The stage, which takes asset packs from the store where this machine has none."""
+
+    @functools.wraps(stage)
+    def run(ctx: StageContext) -> None:
+        from dmfc.assets import also_in
+
+        with also_in(ctx.store):
+            stage(ctx)
+
+    return run
+
+
+def share_packs(stages: Iterable[Stage], store: Path) -> None:
+    """Put the asset packs that the stages use into the store, for the nodes of a cluster.
+
+    Raises MachineError where a pack cannot be had or written.
+    """
+    from dmfc.assets import list_packs, share
+    from dmfc.hand.description import load_description
+
+    wanted = set()
+    for stage in stages:
+        wanted.add(stage.name.partition("/")[0] if stage.kind == "object" else "")
+        if "hand" in stage.config:
+            wanted.add(load_description(stage.config["hand"].name).pack)
+    for pack in list_packs():
+        if pack.name in wanted:
+            share(pack.name, store)
+
+
+def require_same(what: str, found: str, planned: str) -> None:
+    """Raise MachineError where the digest of `what` here is not the one of the plan."""
+    if found != planned:
+        raise MachineError(
+            f"{what} is not the same on {platform.node()} as where the stage was planned (has it "
+            "changed since? run the same line again)"
+        )
+
+
+def source_here(ctx: StageContext) -> ObjectSource:
+    """The source of the stage's object on this machine. Raises MachineError if it is not there."""
+    from dmfc.objects.sources import find_object
+
+    try:
+        source = find_object(ctx.hints["selector"])
+    except MachineError:
+        raise
+    except DmfcError as error:
+        raise MachineError(f"{error} (on {platform.node()})") from error
+    require_same(f"object '{source.id}'", source.digest, ctx.config["digest"])
+    return source
