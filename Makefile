@@ -40,8 +40,8 @@ test: install
 test-all: install
 	$(BIN)/python -m pytest -m "not chaos"
 
-# Kills workers, nodes, heads and drivers under sweeps on clusters on this machine, and cuts the link
-# between two nodes (as root, with iproute2).
+# Kills workers, nodes, heads and drivers under sweeps on clusters on this machine, cuts links between
+# nodes and the power of disks (as root, with iproute2).
 chaos: install
 	$(BIN)/python -m pytest tests/chaos
 

@@ -21,6 +21,7 @@ from omegaconf import MISSING, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
+from dmfc.config.interpolation import refuse_interpolation
 from dmfc.errors import DmfcError, first_line, one_line, unknown_name
 
 
@@ -141,6 +142,7 @@ def _read(path: Path, text: str) -> HandDescription:
     try:
         schema = OmegaConf.structured(HandDescription)
         given = OmegaConf.load(io.StringIO(text))
+        refuse_interpolation(given, f"hand description {path}")
         merged = OmegaConf.merge(schema, given, {"directory": str(path.parent)})
         description = OmegaConf.to_object(merged)
     except OmegaConfBaseException as error:

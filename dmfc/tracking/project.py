@@ -87,9 +87,9 @@ def project_sweep(
             f"MLflow at '{uri}' was not written: {line} (run.tracking_uri; `dmfc tracking sync` "
             "writes what is missing)"
         ) from error
-    told = {"digest": digest, "experiment_id": writer.experiment_id, "run_id": run_id}
-    marker = {**told, "uri": kept, "status": parent.status, "runs": runs}
-    write_sealed(folder / MARKER, VERSION, marker)
+    told = {"digest": digest, "uri": kept, "status": parent.status}
+    ids = {"experiment_id": writer.experiment_id, "run_id": run_id, "runs": runs}
+    write_sealed(folder / MARKER, VERSION, {**told, **ids})
     return Tracked(uri, writer.experiment_id, run_id)
 
 

@@ -17,6 +17,7 @@ from omegaconf.errors import OmegaConfBaseException
 from scipy.spatial.transform import Rotation
 from yaml import YAMLError
 
+from dmfc.config.interpolation import refuse_interpolation
 from dmfc.errors import DmfcError, first_line, one_line, unknown_name
 from dmfc.geometry.transforms import transform
 from dmfc.grasps.exchange.foreign import numbers, pose
@@ -86,10 +87,8 @@ def load_hand_map(name: str) -> HandMap:
             raise unknown_name("format", name, [p.stem for p in folder.glob("*.yaml")])
         raise DmfcError(f"hand map '{name}' is not a file (option --hand-map)")
     try:
-        text = path.read_text(encoding="utf-8")
-        if "${" in text:
-            raise DmfcError(f"hand map {path}: write values out, instead of '${{...}}'")
-        given = OmegaConf.load(io.StringIO(text))
+        given = OmegaConf.load(io.StringIO(path.read_text(encoding="utf-8")))
+        refuse_interpolation(given, f"hand map {path}")
         found = OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(HandMap), given))
     except OmegaConfBaseException as error:
         where = f" (key {error.full_key})" if error.full_key else ""
