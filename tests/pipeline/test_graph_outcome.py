@@ -121,7 +121,7 @@ def test_the_threshold_in_units_of_w5_is_the_same_rule_for_every_w5(builder: Gra
 
 
 def test_table_three_has_one_set_of_rollouts_for_all_its_rows(builder: GraphBuilder) -> None:
-    from dmfc.sweep.plan import plan_sweep
+    from dmfc.sweep.planner import plan_sweep
     from dmfc.sweep.sweep_file import load_sweep
 
     plan = plan_sweep(load_sweep("outcome"), builder, "smoke")

@@ -7,7 +7,7 @@ import pytest
 from dmfc.config.shipped import shipped_names
 from dmfc.errors import DmfcError
 from dmfc.pipeline.graph import GraphBuilder
-from dmfc.sweep.plan import plan_sweep
+from dmfc.sweep.planner import plan_sweep
 from dmfc.sweep.sweep_file import cell_config, load_sweep
 from tests.support.fake_science import fake_refs
 
