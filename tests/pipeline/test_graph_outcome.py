@@ -127,5 +127,5 @@ def test_table_three_has_one_set_of_rollouts_for_all_its_rows(builder: GraphBuil
     plan = plan_sweep(load_sweep("outcome"), builder, "smoke")
     counts = Counter(stage.kind for stage in closure(plan.targets))
     assert counts["outcome"] == 2  # logistic regression, and the network
-    assert counts["rollouts"] == 6
+    assert counts["rollouts"] == 4  # two objects of each of two selectors
     assert counts["pretrain"] == 0
