@@ -264,7 +264,7 @@ def test_evaluate_and_train_run_what_they_need(dmfc, no_science, tmp_path):
     status, out, _ = dmfc("evaluate", "random", *own, *options)
     assert json.loads(out)["trials"] == 20
     assert {path.name for path in (tmp_path / "own").iterdir()} == {
-        *("trials.parquet", "diversity.parquet", "summary.json", "failures.png")
+        *("trials.parquet", "diversity.parquet", "summary.json", "failures.png", "outputs.json")
     }
     status, out, _ = dmfc("compare", tmp_path / "own", tmp_path / "own", "--json")
     assert (json.loads(out)["trials"], json.loads(out)["difference"]) == (20, 0.0)
