@@ -16,12 +16,12 @@ export MALLOC_TRIM_THRESHOLD_ ?= 1073741824
 
 install: $(STAMP)
 
-$(STAMP): pyproject.toml
+$(STAMP): pyproject.toml constraints.txt
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	@$(BIN)/python -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
 		|| { echo "dmfc needs Python 3.11 or newer; try: make PYTHON=python3.12 install"; exit 1; }
 	$(BIN)/python -m pip install --quiet --upgrade "pip>=23.1"
-	$(BIN)/python -m pip install --quiet --editable ".[dev]"
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ".[dev]"
 	@touch $@
 
 # Tables I and II: trains and evaluates every cell; goes on where an earlier call stopped.

@@ -22,7 +22,7 @@ EXTRAS = {
         *("manifold3d", "fast_simplification", "rtree", "networkx", "pyarrow", "pandas"),
     },
     "train": {"lightning"},
-    "sweep": {"ray", "optuna", "mlflow", "filelock", "psutil", "jinja2"},
+    "sweep": {"ray", "optuna", "mlflow", "sqlalchemy", "filelock", "psutil", "jinja2"},
 }
 """Top-level modules of the packages that each extra in pyproject.toml adds."""
 

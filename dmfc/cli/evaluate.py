@@ -61,7 +61,7 @@ def evaluate(
     ] = "",
     dense: Annotated[
         int | None,
-        typer.Option(help="A scene: a picture of all its grasps, coloured by confidence.", min=0),
+        typer.Option(help="A scene: a picture of all its grasps, coloured by confidence."),
     ] = None,
     picture: Annotated[
         Path | None,

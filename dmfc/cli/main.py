@@ -26,7 +26,7 @@ from dmfc.cli import (
 )
 from dmfc.errors import DmfcError, masked, missing_package
 from dmfc.experiment.console import stderr
-from dmfc.experiment.signals import end_as_by_ctrl_c
+from dmfc.experiment.signals import end_as_by_ctrl_c, interrupted_status
 
 USAGE_ERROR: type[Exception] = typer.BadParameter.__mro__[1]  # type: ignore[assignment]
 """What a wrong command line raises, of which Typer exports this one child alone."""
@@ -103,6 +103,9 @@ def main() -> None:
         missing = missing_package(error) if isinstance(error, ModuleNotFoundError) else None
         if missing:
             _fail(str(missing))
+        if isinstance(error.__cause__, KeyboardInterrupt):
+            stderr().print("stopped")
+            sys.exit(interrupted_status())
         cause = error.__cause__ or error  # Typer makes an EOFError an Abort
         first = (str(cause).strip().splitlines() or [""])[0]
         _fail(f"unexpected {type(cause).__name__}: {first} (add --debug for the traceback)")

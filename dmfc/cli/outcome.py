@@ -65,13 +65,14 @@ def outcome_export(
     session.make(trials)
     folders = present([session.ledger.folder(item.address) for item in trials])
     files = [(folder / ROLLOUTS, folder / SCENES) for folder in folders]
-    about = f"Predictions of the model `{Path(model).name}`, executed under the preset `{preset}`."
+    presets = ", ".join(f"`{name}`" for name in preset)
+    about = f"Predictions of the model `{Path(model).name}`, executed under the preset {presets}."
     count = export_trials(files, out, about)
     typer.echo(f"written: {out} ({count} trials)")
 
 
 def _opened(
-    model: str, preset: str, overrides: list[str] | None, store: Path
+    model: str, preset: list[str], overrides: list[str] | None, store: Path
 ) -> tuple[Session, Stage]:
     """The session, and the predictor's stage."""
     from dmfc.pipeline.graph_outcome import outcome

@@ -48,7 +48,7 @@ def view(
     drop_invalid: DropInvalid = False,
     check: Check = False,
     scene: Annotated[
-        int | None, typer.Option(help="A test scene, with what SOURCE proposes in it.", min=0)
+        int | None, typer.Option(help="A test scene, with what SOURCE proposes in it.")
     ] = None,
     trial: Annotated[
         str, typer.Option(help="scene:trial of the evaluation of SOURCE, to be played.")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from dmfc.config.setting import GREATEST_SEED, setting
+from dmfc.config.setting import GREATEST_SEED, KEYS_VERSION, setting
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class ExecutionConfig:
         "What ranks the grasps: the network's confidence; how far thumb and fingers oppose each "
         "other once they are closed on the cloud; or the probability of being held that an "
         "outcome predictor gives (settings outcome.*).",
-        later=True,
+        later=KEYS_VERSION,
     )
     min_confidence: float = setting(
         0.15,
@@ -38,7 +38,7 @@ class ExecutionConfig:
         "one",
         "Unit of min_confidence: 1, or losses.weights.confidence (w5). In units of w5 the "
         "greatest task loss that passes is 1 / min_confidence, whatever w5 is.",
-        later=True,
+        later=KEYS_VERSION,
     )
     most_confident: int = setting(
         32,
@@ -59,7 +59,7 @@ class ExecutionConfig:
         unit="m",
         least=0,
         greatest=0.1,
-        later=True,
+        later=KEYS_VERSION,
     )
     seed: int = setting(0, "Seed of the random grasps.", least=0, greatest=GREATEST_SEED)
     random_offset: float = setting(

@@ -51,9 +51,15 @@ class RolloutsConfig:
     def __post_init__(self) -> None:
         """Raises ValueError where nothing would be executed."""
         if self.per_object == 0 and self.clutter * self.shards == 0:
-            raise ValueError("outcome.rollouts has no scenes: set per_object or clutter")
+            raise ValueError(
+                "there are no scenes: one of outcome.rollouts.per_object, outcome.rollouts.clutter "
+                "(with outcome.rollouts.shards) must be above 0"
+            )
         if self.uniform + self.confident < 1:
-            raise ValueError("outcome.rollouts executes nothing: set uniform or confident")
+            raise ValueError(
+                "nothing is executed: one of outcome.rollouts.uniform and "
+                "outcome.rollouts.confident must be above 0"
+            )
 
 
 @dataclass(frozen=True)

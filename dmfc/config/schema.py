@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from dmfc.config.closing import ClosingConfig
 from dmfc.config.execution import ExecutionConfig
@@ -39,7 +40,7 @@ class Config:
 
     def __post_init__(self) -> None:
         """Raises ValueError where settings of different groups contradict each other."""
-        sets = {
+        sets: dict[str, Any] = {
             "scenes.train": self.scenes.train,
             "scenes.test": self.scenes.test,
             "validation.scenes": self.validation.scenes,

@@ -137,8 +137,6 @@ def _mjcf_files(mjcf: Path) -> list[Path]:
 def _read(path: Path, text: str) -> HandDescription:
     """Kept, since a worker asks for the same hand at every shard, and parsing costs more than
     compiling a scene."""
-    if "${" in text:
-        raise DmfcError(f"hand description {path}: write values out, instead of '${{...}}'")
     try:
         schema = OmegaConf.structured(HandDescription)
         given = OmegaConf.load(io.StringIO(text))

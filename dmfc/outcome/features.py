@@ -103,7 +103,7 @@ class FeatureMaker:
             *(f"seed_{c}" for c in axes),
         ]  # fmt: skip
 
-    def _plain(self, grasps: Grasps) -> np.ndarray:
+    def _plain(self, grasps: SeededGrasps) -> np.ndarray:
         """Confidence, gravity, height and joints."""
         sure = np.clip(grasps.confidence, 1e-4, 1 - 1e-4)
         logit = np.log(sure / (1 - sure))
@@ -145,19 +145,22 @@ class FeatureMaker:
         stop = np.empty((count, self.fingers), dtype=np.int64)
         gap = np.empty((count, inner))
         R, t = np.ascontiguousarray(grasps.rotation), np.ascontiguousarray(grasps.position)
-        args = self._group, hand.inner_link, hand.inner_points
-        close_on_cloud(R, t, poses, *args, *cloud.fine_cells, stop, gap)
+        group, link, points = self._group, hand.inner_link, hand.inner_points
+        seen, cell, low, starts, order = cloud.fine_cells
+        close_on_cloud(R, t, poses, group, link, points, seen, cell, low, starts, order, stop, gap)
         position, direction = np.empty((2, count, inner, 3))
-        contacts_of_closure(poses, *args, hand.inner_normals, stop, position, direction)
+        contacts_of_closure(
+            poses, group, link, points, hand.inner_normals, stop, position, direction
+        )
         touching = gap < NEAR
         touched = stop < STEPS
         return self._told(grasps, cloud, stop, touched, touching, position, direction)
 
     def _closing(self, joints: np.ndarray) -> np.ndarray:
         """T_palm_link [n, S, L, 4, 4] from the open to the squeezed hand."""
-        hand, closing = self.hand, self.hand.closing
+        hand = self.hand
         joints = np.clip(joints, hand.lower, hand.upper)
-        share = np.linspace(-closing.opening, closing.squeeze, STEPS)[None, :, None]
+        share = np.linspace(-hand.closing.opening, hand.closing.squeeze, STEPS)[None, :, None]
         angles = np.clip(joints[:, None] + share * hand.flexion, hand.lower, hand.upper)
         flat = link_poses(hand, angles.reshape(-1, hand.dofs))
         return flat.reshape(len(joints), STEPS, *flat.shape[1:])

@@ -8,6 +8,7 @@ import os
 import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -150,7 +151,7 @@ class _Module(LightningModule):
         )
         return ((fits + holds * planned) * others).sum() / len(batch)
 
-    def configure_optimizers(self) -> dict:  # type: ignore[type-arg]
+    def configure_optimizers(self) -> Any:
         config = self.config
         optimizer = torch.optim.AdamW(
             self.net.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -73,11 +74,12 @@ class Judge:
         try:
             about = json.loads((folder / ABOUT).read_text())
             tensors = load_file(folder / WEIGHTS)
-            hand = _read_hand(about["hand"], tensors)
+            closing = ClosingConfig(**about["closing"])
+            hand = _read_hand(about["hand"], closing, tensors)
             net = OutcomeNet(about["features"], about["widths"], about["members"])
             net.load_state_dict({k: v for k, v in tensors.items() if not k.startswith(HAND)})
             version = int(about["version"])
-        except (OSError, ValueError, KeyError, RuntimeError, SafetensorError) as error:
+        except (OSError, ValueError, KeyError, TypeError, RuntimeError, SafetensorError) as error:
             text = " ".join(str(error).split())[:200]
             raise DmfcError(f"{folder} holds no outcome predictor: {text}") from error
         if version != features.VERSION:
@@ -110,7 +112,8 @@ def save_judge(
     save_file(state | shape, out / WEIGHTS)
     about: dict[str, Any] = {
         "version": features.VERSION,
-        "hand": {name: getattr(hand, name) for name in _PLAIN} | asdict(hand.closing),
+        "hand": {name: getattr(hand, name) for name in _PLAIN},
+        "closing": dataclasses.asdict(hand.closing),
         "features": len(net.mean),
         "widths": list(config.widths),
         "members": net.members,
@@ -119,13 +122,16 @@ def save_judge(
     write_json(out / ABOUT, about)
 
 
-def _read_hand(about: Mapping[str, Any], tensors: Mapping[str, torch.Tensor]) -> HandModel:
+def _read_hand(
+    about: Mapping[str, Any], closing: ClosingConfig, tensors: Mapping[str, torch.Tensor]
+) -> HandModel:
     """What features need of the hand, without its surface and its collision geometry."""
     none = np.zeros((0, 3))
+    values: dict[str, Any] = {name: about[name] for name in _PLAIN}
+    values |= {name: tensors[HAND + name].numpy() for name in _ARRAYS}
     return HandModel(
-        **{name: about[name] for name in _PLAIN},
-        closing=ClosingConfig(opening=about["opening"], squeeze=about["squeeze"]),
-        **{name: tensors[HAND + name].numpy() for name in _ARRAYS},
+        **values,
+        closing=closing,
         collision_link=none[:, 0].astype(np.int64),
         collision_points=none,
         adjacency=np.eye(len(about["link_names"]), dtype=bool),

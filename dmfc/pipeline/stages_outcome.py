@@ -25,7 +25,7 @@ def rollouts(ctx: StageContext) -> None:
         numbers,
         Objects(objects),
         None,
-        load_hand(ctx.input("hand")),
+        load_hand(ctx.input("hand"), ctx.config["closing"]),
         ctx.out / SCENES,
     )
     inputs: dict[str, Path | list[Path]] = {**ctx.inputs, "scenes": ctx.out, "objects": objects}

@@ -16,8 +16,14 @@ import pandas as pd
 import pytest
 
 from dmfc.engine.context import read_attempt
+from dmfc.engine.engine import run_stages
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.state import read_state
+from dmfc.pipeline.graph import GraphBuilder
+from dmfc.pipeline.kinds import KINDS
+from dmfc.pipeline.selection import list_refs
+from dmfc.sweep.planner import plan_sweep
+from dmfc.sweep.sweep_file import load_sweep
 from tests.chaos.test_chaos import SWEEP, rows, until
 from tests.chaos.two_networks import TwoNetworks
 from tests.chaos.two_nodes import HELD
@@ -50,12 +56,13 @@ def test_a_node_without_cache_and_route_gives_the_same_rows(tmp_path, shadow_han
         assert nodes.run(call, stdout=subprocess.DEVNULL).wait(PATIENCE) == 0
     assert hosts(ledger) == set(nodes.hosts)
     assert not empty.exists()
-    subprocess.run([*COMMAND, *SMOKE, "--store", calm.store], check=True, stdout=subprocess.DEVNULL)
+    plan = plan_sweep(load_sweep("table2"), GraphBuilder(list_refs), "smoke")
+    plan.write(calm)
+    run_stages(plan.targets, calm, plan.config, KINDS, local=True)  # without Ray
     assert set(ledger.addresses()) == set(calm.addresses())
-    (folder,) = (ledger.store / "sweeps").iterdir()
     pd.testing.assert_frame_equal(
-        rows(ledger, folder.name).drop(columns="seconds", errors="ignore"),
-        rows(calm, folder.name).drop(columns="seconds", errors="ignore"),
+        rows(ledger, plan.id).drop(columns="seconds", errors="ignore"),
+        rows(calm, plan.id).drop(columns="seconds", errors="ignore"),
     )
 
 

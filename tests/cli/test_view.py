@@ -88,7 +88,7 @@ def test_a_page_that_cannot_be_written_is_said(dmfc, box_file, tmp_path, shadow_
     (tmp_path / "file").touch()
     status, _, err = dmfc("view", box_file, "--export", tmp_path / "file" / "page.html")
     assert status == 1
-    assert "cannot be written" in err
+    assert "is a file, not a folder" in err
     assert len(err.strip().splitlines()) == 1
 
 

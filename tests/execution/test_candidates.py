@@ -21,7 +21,7 @@ from dmfc.network.inference import PredictedGrasps
 from tests.support.execution_shapes import scene_of, standing
 from tests.support.grasp_shapes import planned, shape
 
-CONFIG = ExecutionConfig()
+CONFIG = ExecutionConfig(most_confident=0)
 
 
 def some(count: int, seed: int = 0) -> GraspCandidates:

@@ -74,7 +74,7 @@ def test_angles_at_the_limits_are_allowed(tmp_path):
         ({"max_torque": -1.0}, "max_torque is -1"),
         ({"palm_normal": [0.0, 0.0, 0.0]}, "palm_normal has no direction"),
         ({"name": ""}, "name is missing"),
-        ({"name": "${oc.env:HOME}"}, "write values out"),
+        ({"name": "${oc.env:HOME}"}, "is not allowed in settings"),
         ({"dofs": [1, 2]}, "hand.yaml"),
         ({"palm_normal": [0.0, 1.0]}, "length 2"),
         ({"palm_reference": [[], [], []]}, r"palm_reference is \[\]"),

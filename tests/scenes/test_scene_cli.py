@@ -111,7 +111,7 @@ def test_frozen_test_sets(dmfc, tmp_path):
     status, out, err = dmfc("scenes", "freeze", record, *SETTINGS, *options)
     assert status == 0, err
     known = json.loads(record.read_text())
-    assert list(known["sets"]) == ["single_standard", "single", "multi"]
+    assert set(known["sets"]) == {"single_standard", "single", "multi"}
     assert all(len(part.split()) == 3 for one in known["sets"].values() for part in one.values())
     status, out, _ = dmfc("scenes", "freeze", record, "--check", *options)
     assert status == 0
@@ -124,7 +124,7 @@ def test_frozen_test_sets(dmfc, tmp_path):
     assert [row["clouds that differ"] for row in json.loads(out)] == [0, 0, 1]
     status, _, err = dmfc("scenes", "freeze", tmp_path / "none.json", "--check", *options)
     assert status == 1
-    assert err.startswith("error: no digests of test sets in")
+    assert err.startswith("error: there is no file")
 
 
 def test_own_clouds_are_a_set_like_any_other(dmfc, tmp_path):
@@ -143,4 +143,4 @@ def test_own_clouds_are_a_set_like_any_other(dmfc, tmp_path):
     assert status == 0, err
     status, _, err = dmfc("scenes", "import", tmp_path / "no.npy", "-o", own)
     assert status == 1
-    assert "no.npy cannot be read" in err
+    assert "there is no file" in err

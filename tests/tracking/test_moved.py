@@ -13,7 +13,9 @@ from mlflow.tracking import MlflowClient
 
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.state import write_state
-from dmfc.tracking.project import project_stale, project_sweep
+from dmfc.files.sealed import write_sealed
+from dmfc.report.page import read_marker
+from dmfc.tracking.project import VERSION, project_stale, project_sweep
 from dmfc.tracking.store import database, sqlite_path, sqlite_uri, tracking_uri
 from tests.tracking.conftest import SWEEP, FinishedSweep
 
@@ -62,7 +64,7 @@ def go_on(folder: str) -> None:
     (marker,) = set(larger.ledger.store.glob("sweeps/*/tracked.json")) - {
         larger.folder / "tracked.json"
     }
-    marker.write_text(marker.read_text().replace('"FINISHED"', '"RUNNING"'))
+    write_sealed(marker, VERSION, {**read_marker(marker.parent), "status": "RUNNING"})
     (marker.parent / "table.md").write_text("changed")
     write_state(marker.parent, "KILLED", {})
     assert project_stale(larger.ledger) == [marker.parent.name]
@@ -121,8 +123,9 @@ def test_a_marker_of_an_older_version_names_this_store(finished, tmp_path):
     project_sweep(finished.ledger, finished.id)
     marker = finished.folder / "tracked.json"
     told = json.loads(marker.read_text())
+    del told["version"], told["sha256"]
     address = f"sqlite:///{tmp_path}/gone/mlflow/mlflow.db"
-    marker.write_text(json.dumps({**told, "uri": address, "version": 2, "status": "RUNNING"}))
+    marker.write_text(json.dumps({**told, "uri": address, "status": "RUNNING"}))
     assert project_stale(finished.ledger) == [finished.id]
     assert not (tmp_path / "gone").exists()
 
