@@ -53,6 +53,8 @@ def clean(mesh: trimesh.Trimesh, name: str) -> CleanMesh:
     impossible size.
     """
     notes: list[str] = []
+    if mesh.vertices.shape[1:] != (3,):
+        raise DmfcError(f"object '{name}': the vertices of its mesh lack a coordinate")
     if len(mesh.faces) == 0 or not np.isfinite(mesh.vertices[mesh.faces]).all():
         raise DmfcError(f"object '{name}': its mesh is empty or has vertices that are not finite")
     longest = float(np.ptp(mesh.vertices[mesh.faces].reshape(-1, 3), axis=0).max())

@@ -283,7 +283,7 @@ def test_an_archive_cannot_unpack_to_more_than_it_says(ledger, tmp_path):
 
 def test_an_import_that_fails_half_way_adds_nothing(swept, ledger, tmp_path, monkeypatch):
     archive, other = tmp_path / "a.tar", Ledger(tmp_path / "other")
-    addresses = referred(ledger, [swept.id])
+    addresses = referred(ledger, swept.record().targets)
     export(ledger, addresses, [swept.id], archive)
     adopted = []
 

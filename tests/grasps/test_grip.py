@@ -19,7 +19,7 @@ def around_ball(hand: HandModel, centre: np.ndarray) -> GraspSet:
     joints = hand.open_joints[None]
     turn = np.eye(3)[None]
     return GraspSet(
-        "ball", hand.name, hand.dof_names, -centre[None], turn, joints, vector, one, one, one, one
+        -centre[None], turn, joints, "ball", hand.name, hand.dof_names, vector, one, one, one, one
     )
 
 

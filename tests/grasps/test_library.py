@@ -14,12 +14,12 @@ from dmfc.pipeline.stages import GRASPS, plan_grasps
 def one_grasp(object_id: str, digest: str) -> GraspSet:
     scalars = (np.ones(1) for _ in range(4))
     return GraspSet(
-        object_id,
-        "shadow",
-        ["a", "b"],
         np.zeros((1, 3)),
         np.eye(3)[None],
         np.zeros((1, 2)),
+        object_id,
+        "shadow",
+        ["a", "b"],
         np.zeros((1, 3)),
         *scalars,
         notes={"object_digest": digest},

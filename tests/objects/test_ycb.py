@@ -14,7 +14,7 @@ from tests.objects.test_prepare import band_error
 @pytest.mark.parametrize("name", YCB_TEST)
 def test_distance_within_a_millimetre(name):
     """Against an exact mesh query, at 20,000 points within 2 cm of the surface."""
-    model = prepare(find_object(f"ycb:{name}"), PrepareConfig())
+    model = prepare(find_object(f"ycb:{name}"), PrepareConfig(sdf_spacing=0.0014))
     assert band_error(model, 0.02, count=20_000) < 0.001
     assert len(model.convex_parts) <= PrepareConfig.convex_max_parts
     upright = model.stable_rotations[model.standard_pose]

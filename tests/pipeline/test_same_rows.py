@@ -31,8 +31,12 @@ def test_rows_of_one_worker_and_of_two_that_are_killed(tmp_path, shadow_hand_dir
     one, two = Ledger(tmp_path / "one"), Ledger(tmp_path / "two")
     calm = run_stages(shards, one, config, KINDS, local=True)
     assert {outcome.status for outcome in calm.values()} == {"ran"}
+    two.prepare()
     shutil.copytree(
-        one.store / "stages", two.store / "stages", ignore=shutil.ignore_patterns("evaluate")
+        one.store / "stages",
+        two.store / "stages",
+        ignore=shutil.ignore_patterns("evaluate"),
+        dirs_exist_ok=True,
     )
     outcomes = run_stages(shards, two, config, kinds=DYING)
     held = 0

@@ -53,7 +53,7 @@ def grasps(ctx):
         raise ValueError("singular matrix")
     time.sleep(float(pace["seconds"]))
     model = shapes()[ctx.name]
-    count = 0 if ctx.config["grasps"].max_checks == 0 else 20
+    count = 0 if ctx.config["grasps"].max_checks == 1 else 20
     found = scene_shapes.grasps_around(model, 20)[np.arange(count)]
     found.save(ctx.out / "grasps.parquet")
     if pace["log"]:
