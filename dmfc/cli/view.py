@@ -17,6 +17,7 @@ from dmfc.cli.predict import (
     Mask,
     Model,
     Pose,
+    Score,
     Table,
     Unit,
     Up,
@@ -47,6 +48,7 @@ def view(
     table: Table = "refuse",
     drop_invalid: DropInvalid = False,
     check: Check = False,
+    score: Score = "",
     scene: Annotated[
         int | None, typer.Option(help="A test scene, with what SOURCE proposes in it.")
     ] = None,
@@ -87,6 +89,7 @@ def view(
         table=table,
         drop_invalid=drop_invalid,
         check=check,
+        score=score,
     )
     if trial or scene is not None:
         if query != CloudQuery(file=query.file):

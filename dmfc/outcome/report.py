@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from dmfc.outcome.calibration import Reliability, auc, auc_within, reliability
-from dmfc.outcome.trials import Trials
+
+if TYPE_CHECKING:
+    from dmfc.outcome.trials import Trials
 
 
 @dataclass(frozen=True)
