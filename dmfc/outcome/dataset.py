@@ -10,7 +10,7 @@ import pandas as pd
 from dmfc.errors import DmfcError
 from dmfc.files.atomic import write_bytes, write_text
 
-CARD, ROWS = "README.md", "trials.parquet"
+CARD, ROWS = "README.md", "executed.parquet"
 
 
 def export_trials(files: Sequence[tuple[Path, Path]], out: Path, about: str) -> int:

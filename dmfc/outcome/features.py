@@ -117,7 +117,7 @@ class FeatureMaker:
         found = []
         for angles in (joints, hand.opened(joints)):
             gap, ahead = np.empty((2, count, len(hand.inner_link)))
-            gaps_at(
+            gaps_at(  # type: ignore[call-arg]
                 np.ascontiguousarray(grasps.rotation),
                 np.ascontiguousarray(grasps.position),
                 link_poses(hand, angles),

@@ -7,7 +7,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -21,10 +21,12 @@ from dmfc.files.atomic import write_json
 from dmfc.hand.model import HandModel
 from dmfc.outcome import features
 from dmfc.outcome.features import FeatureMaker, SeededGrasps
+from dmfc.outcome.files import ABOUT, WEIGHTS
 from dmfc.outcome.network import OutcomeNet
-from dmfc.outcome.report import Report
 
-WEIGHTS, ABOUT = "outcome.safetensors", "outcome.json"
+if TYPE_CHECKING:
+    from dmfc.outcome.report import Report
+
 HAND = "hand."
 """Begins the names of the arrays of the hand, so that a judge needs no hand to be built."""
 _PLAIN = "name", "dof_names", "link_names"

@@ -14,12 +14,11 @@ from dmfc.engine.stage import Stage, without
 from dmfc.errors import DmfcError
 from dmfc.files.digest import file_digest
 from dmfc.network.model_files import WEIGHTS
+from dmfc.outcome.files import WEIGHTS as JUDGE
 
 if TYPE_CHECKING:
     from dmfc.pipeline.graph import GraphBuilder, Inputs
 
-JUDGE = "outcome.safetensors"
-"""The file by which an outcome predictor is known."""
 SELECTION = (
     "protocol",
     "score",

@@ -199,7 +199,7 @@ def _judge(
     hand: HandModel,
 ) -> Judge:
     """The outcome predictor of an evaluation: a folder of the user's, or a stage."""
-    from dmfc.outcome.judge import WEIGHTS as JUDGE
+    from dmfc.outcome.files import WEIGHTS as JUDGE
     from dmfc.outcome.judge import Judge
 
     folder = Path(hints["judge"]) if "judge" in config else inputs["judge"]

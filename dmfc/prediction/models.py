@@ -78,8 +78,9 @@ def add_judge(stage: Path, model: Path, measured: str = "") -> Path:
 
     `measured`: what is known of rates with it, for the card. Raises DmfcError where there is none.
     """
-    from dmfc.outcome.judge import ABOUT, Judge
-    from dmfc.outcome.judge import WEIGHTS as JUDGE
+    from dmfc.outcome.files import ABOUT
+    from dmfc.outcome.files import WEIGHTS as JUDGE
+    from dmfc.outcome.judge import Judge
     from dmfc.prediction.card import judge_card
 
     Judge.load(stage)

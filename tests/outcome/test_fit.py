@@ -14,8 +14,9 @@ from dmfc.errors import DmfcError
 from dmfc.hand.model import HandModel
 from dmfc.outcome import fit as fit_module
 from dmfc.outcome.features import FeatureMaker
+from dmfc.outcome.files import WEIGHTS
 from dmfc.outcome.fit import fit, folds, object_weights
-from dmfc.outcome.judge import WEIGHTS, Judge, has_judge, save_judge
+from dmfc.outcome.judge import Judge, has_judge, save_judge
 from dmfc.outcome.network import OutcomeNet
 from dmfc.outcome.trials import Trials
 from tests.outcome.test_features import cloud_of, grasps_of
