@@ -29,6 +29,7 @@ NETWORK = NetworkConfig(
     propagation=[[64], [32], [32]],
     features=32,
     width=32,
+    offset_to="origin",
 )
 HALF = np.array([0.03, 0.02, 0.04])
 

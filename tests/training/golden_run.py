@@ -29,8 +29,13 @@ LOSSES = LossConfig(
 )
 TRAINING = TrainingConfig(
     # Small rates, or what a processor rounds differently grows: others become the hardest.
-    pretrain=StageSchedule(epochs=STEPS, learning_rate=1e-4),
-    finetune=StageSchedule(epochs=STEPS, learning_rate=1e-5),
+    pretrain=StageSchedule(epochs=STEPS, learning_rate=1e-4, decay=0.9, decay_every=10),
+    finetune=StageSchedule(epochs=STEPS, learning_rate=1e-5, decay=0.9, decay_every=10),
+    negatives="ignore",
+    hard_stages="both",
+    hard_scope="batch",
+    finetune_seeds="all",
+    max_gradient_norm=0,
     hard_samples=48,
     hard_error="task",
     rank_points=20,

@@ -29,6 +29,8 @@ TRAINING = TrainingConfig(
     pretrain=StageSchedule(epochs=4),
     finetune=StageSchedule(epochs=3),
     hard_samples=32,
+    hard_stages="both",
+    hard_scope="batch",
     rank_points=20,
     accelerator="cpu",
 )
@@ -205,11 +207,11 @@ def test_a_loss_that_is_not_finite_names_term_and_scene(tmp_path, field, stage, 
 
 
 def test_a_file_that_is_no_saved_batch(tmp_path):
-    for content in (b"no pickle", None):
-        if content is not None:
-            (tmp_path / "file").write_bytes(content)
-        with pytest.raises(DmfcError, match="is no saved batch"):
-            read_failure(tmp_path / ("file" if content is not None else "nothing"))
+    with pytest.raises(DmfcError, match="there is no file"):
+        read_failure(tmp_path / "nothing")
+    (tmp_path / "file").write_bytes(b"no pickle")
+    with pytest.raises(DmfcError, match="cannot be read as a saved batch"):
+        read_failure(tmp_path / "file")
     torch.save({"batch": {}}, tmp_path / "file")
     with pytest.raises(DmfcError, match="this version"):
         read_failure(tmp_path / "file")

@@ -114,7 +114,7 @@ def test_cheap_ranking_picks_most_of_the_same():
 @pytest.mark.parametrize("ranked_by", ["task", "weighted"])
 def test_the_hardest_alone_get_gradients(ranked_by):
     _, batch = prediction()
-    training = TrainingConfig(hard_error=ranked_by)
+    training = TrainingConfig(hard_error=ranked_by, hard_stages="both", hard_scope="batch")
     module = GraspTraining(new_network(NETWORK, toy_hand()), task(), training, NO_FAILURE)
     predicted = module.net(batch.points, batch.seed_index)
     rows = module.task.candidates(predicted, batch)
