@@ -217,9 +217,9 @@ from dmfc.engine.engine import run_stages
 from dmfc.engine.ledger import Ledger
 
 def kill_raylet(job=[]):
-    import ray
     while not list(Path({str(tmp_path)!r}).glob("stages/slow/*/stage.json")):
         time.sleep(0.05)
+    import ray
     os.kill(ray._private.worker._global_node.all_processes["raylet"][0].process.pid, signal.SIGKILL)
 
 threading.Thread(target=kill_raylet, daemon=True).start()
