@@ -24,9 +24,9 @@ from dmfc.pipeline.kinds import KINDS
 from dmfc.pipeline.selection import list_refs
 from dmfc.sweep.planner import plan_sweep
 from dmfc.sweep.sweep_file import load_sweep
+from tests.chaos.held import HELD
 from tests.chaos.test_chaos import SWEEP, rows, until
 from tests.chaos.two_networks import TwoNetworks
-from tests.chaos.two_nodes import HELD
 
 pytestmark = pytest.mark.chaos
 HERE = Path(__file__).resolve().parent
