@@ -237,8 +237,9 @@ def test_data_code_and_machine_are_told(finished):
     provenance = json.loads(
         Path(client.download_artifacts(tracked.run_id, "provenance.json")).read_text()
     )
-    assert provenance[0]["flags"]
-    assert provenance[0]["packages"]["mlflow"]
+    (call,) = provenance["calls"]
+    assert call["flags"]
+    assert call["packages"]["mlflow"]
 
 
 def test_the_best_model_is_registered_once(finished):
