@@ -139,7 +139,7 @@ class _Drive:
         heapq.heapify(self.ready)
         self.running: dict[str, Job] = {}
         self.lookout = Lookout(ledger, config.run.scales_up, self._note)
-        self.retries = Retries(pool, ledger, self.lookout, self._note)
+        self.retries = Retries(pool, self.lookout, self._note)
         self.sign = f"locks/driver-{uuid.uuid4().hex}.sign"
         self.commit = git_commit()
 

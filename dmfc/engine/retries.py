@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+from collections import Counter
 from collections.abc import Callable
 
-from dmfc.engine.context import read_attempt
-from dmfc.engine.ledger import Ledger
 from dmfc.engine.lookout import Lookout
 from dmfc.engine.nodes import MACHINE_TRIES, NodeErrors
 from dmfc.engine.pools import Pool
@@ -16,23 +15,19 @@ from dmfc.engine.worker import Job, Outcome
 class Retries:
     """What the outcomes of one run say about its stages and nodes."""
 
-    def __init__(
-        self, pool: Pool, ledger: Ledger, lookout: Lookout, note: Callable[[str], None]
-    ) -> None:
-        self._pool, self._ledger, self._lookout, self._note = pool, ledger, lookout, note
+    def __init__(self, pool: Pool, lookout: Lookout, note: Callable[[str], None]) -> None:
+        self._pool, self._lookout, self._note = pool, lookout, note
         self._errors = NodeErrors()
-        self._deaths: dict[str, list[str]] = {}
-        """Per stage: the node of each death, '' where it is unknown."""
+        self._deaths: Counter[str] = Counter()
+        """Of each stage."""
 
     def again(self, job: Job, outcome: Outcome, retries: int) -> bool:
         """Whether a stage is tried again after this outcome; `retries`: attempts after a death."""
         if outcome.status == "ran":
             self._errors.succeeded(outcome.node)
         if outcome.status == "died":
-            told = read_attempt(self._ledger.work(job.address))
-            node = told.get("node", "") if told.get("attempt") == job.attempt else ""
-            self._deaths.setdefault(job.address, []).append(node)
-            return len(self._deaths[job.address]) <= retries
+            self._deaths[job.address] += 1
+            return self._deaths[job.address] <= retries
         if outcome.status == "machine" and outcome.node:
             return self._elsewhere(job, outcome)
         if outcome.status == "unmet":  # a node may be avoided that need not be
@@ -56,7 +51,7 @@ class Retries:
     def reason(self, job: Job, outcome: Outcome) -> str:
         """Why a stage is not tried again."""
         if outcome.status == "died":
-            return f"{outcome.reason}; {len(self._deaths[job.address])} attempts (run.retries)"
+            return f"{outcome.reason}; {self._deaths[job.address]} attempts (run.retries)"
         others = len(self._errors.met(job.address)) - 1
         if outcome.status == "machine" and others >= 0:
             more = f" and {others} more" if others else ""
@@ -66,10 +61,11 @@ class Retries:
     def placed(self, job: Job) -> Job:
         """The job, kept from nodes where it cannot be done.
 
-        Nodes that failed at other stages, or where it died, are avoided where others are left.
+        Nodes that failed at other stages are avoided where others are left. A node where it died
+        is not: who killed the process is not known, and the others may be busy for hours.
         """
         needed = self._errors.met(job.address) | self._lookout.cut_off
-        wanted = needed | self._errors.left_out | (set(self._deaths.get(job.address, ())) - {""})
+        wanted = needed | self._errors.left_out
         careful = dataclasses.replace(job, avoid=tuple(sorted(wanted)))
         if any(node.meets(careful) for node in self._pool.nodes()):
             return careful
