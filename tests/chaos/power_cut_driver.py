@@ -22,11 +22,11 @@ def main(store: Path, sweep: Path, gates: Path) -> int:
     """Run the sweep to its end."""
     begun = iter(range(10**6))
 
-    def gated(job):
+    def gated(job, **options):
         number = next(begun)
         while not (gates / str(number)).exists():
             time.sleep(0.01)
-        found = execute(job)
+        found = execute(job, **options)
         (gates / f"{number}.done").touch()
         return found
 
