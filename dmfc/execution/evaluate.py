@@ -35,6 +35,7 @@ from dmfc.network.inference import predict
 from dmfc.network.model import DmfcGraspNet
 from dmfc.objects.model import ObjectModel
 from dmfc.outcome.features import FeatureMaker, SeededGrasps
+from dmfc.outcome.head import HeadJudge
 from dmfc.outcome.judge import Judge
 from dmfc.physics.world import World
 from dmfc.prediction.cloud_check import CloudCheck
@@ -65,7 +66,7 @@ class Evaluation:
     config: ExecutionConfig
     labels: ScenesConfig | None = None
     """How the planner's row labels the scenes; None: they have their labels."""
-    judge: Judge | None = None
+    judge: Judge | HeadJudge | None = None
     """Ranks the proposals; None: their confidence does."""
 
     def __post_init__(self) -> None:

@@ -29,8 +29,6 @@ from dmfc.outcome.closure_kernel import (
 from dmfc.outcome.object_kernel import COLUMNS, objects_in_palm
 from dmfc.outcome.solid import solid_field
 
-VERSION = 2
-"""Of the list of features: a trained predictor knows the one it was made for."""
 REACH = 0.02
 """Metres beyond which the cloud is far from a point of the hand."""
 STEPS = 12
@@ -92,8 +90,8 @@ class FeatureMaker:
             *(f"up_{c}" for c in axes),
             "height",
             *(f"joint{k}" for k in range(self.hand.dofs)),
-            *(f"{posture}_{what}_{b}" for posture in _POSTURES for what in _OF_BONES for b in bones),
-            *(f"{posture}_{what}" for posture in _POSTURES for what in _OF_HANDS),
+            *(f"{how}_{what}_{b}" for how in _POSTURES for what in _OF_BONES for b in bones),
+            *(f"{how}_{what}" for how in _POSTURES for what in _OF_HANDS),
             *(f"stop{k}" for k in fingers),
             *(f"count{k}" for k in range(self.fingers)),
             *(f"tip{k}_{c}" for k in fingers for c in axes),

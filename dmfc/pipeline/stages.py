@@ -32,7 +32,9 @@ from dmfc.pipeline.here import require_same, source_here, with_packs
 if TYPE_CHECKING:
     from dmfc.execution.evaluate import Evaluation
     from dmfc.hand.model import HandModel
+    from dmfc.network.model import DmfcGraspNet
     from dmfc.objects.atlas import ObjectAtlas
+    from dmfc.outcome.head import HeadJudge
     from dmfc.outcome.judge import Judge
 
 
@@ -152,9 +154,7 @@ def evaluation_of(
 ) -> Evaluation:
     """What an evaluation stage executes, from its settings and the folders of its inputs."""
     from dmfc.execution.evaluate import Evaluation
-    from dmfc.files.digest import file_digest
     from dmfc.hand.description import load_description
-    from dmfc.network.checkpoint import load_network
 
     def one(name: str) -> Path:
         folder = inputs[name]
@@ -168,13 +168,7 @@ def evaluation_of(
 
     row = config["row"]
     hand = load_hand(one("hand"), config["closing"])
-    network = None
-    if row == "model":
-        folder = one("model") if "weights" not in config else Path(hints["weights"])
-        if "weights" in config:
-            path = folder / WEIGHTS
-            require_same(str(path), file_digest(path), config["weights"])
-        network = load_network(folder, hand)
+    network = load_model(config, inputs, hints, hand) if row == "model" else None
     return Evaluation(
         row=row,
         scenes=load_scenes([one("scenes")]),
@@ -192,22 +186,39 @@ def evaluation_of(
     )
 
 
+def load_model(
+    config: Mapping[str, Any],
+    inputs: Mapping[str, Path | list[Path]],
+    hints: Mapping[str, str],
+    hand: HandModel,
+) -> DmfcGraspNet:
+    """The network that proposes: of the stage `model`, or of a folder known by its weights."""
+    from dmfc.network.checkpoint import load_network
+
+    folder = Path(hints["weights"]) if "weights" in config else inputs["model"]
+    assert isinstance(folder, Path)
+    if "weights" in config:
+        path = folder / WEIGHTS
+        require_same(str(path), file_digest(path), config["weights"])
+    return load_network(folder, hand)
+
+
 def _judge(
     config: Mapping[str, Any],
     inputs: Mapping[str, Path | list[Path]],
     hints: Mapping[str, str],
     hand: HandModel,
-) -> Judge:
+) -> Judge | HeadJudge:
     """The outcome predictor of an evaluation: a folder of the user's, or a stage."""
     from dmfc.outcome.files import WEIGHTS as JUDGE
-    from dmfc.outcome.judge import Judge
+    from dmfc.outcome.head import load_judge
 
     folder = Path(hints["judge"]) if "judge" in config else inputs["judge"]
     assert isinstance(folder, Path)
     if "judge" in config:
         path = folder / JUDGE
         require_same(str(path), file_digest(path), config["judge"])
-    judge = Judge.load(folder)
+    judge = load_judge(folder)
     if judge.hand != hand.name:
         raise DmfcError(
             f"{folder} judges the hand '{judge.hand}', not '{hand.name}' (outcome.judge)"
