@@ -120,7 +120,7 @@ def read_rows(net: DmfcGraspNet, files: Sequence[tuple[Path, Path]]) -> tuple[Te
 def fit_head(
     net: DmfcGraspNet, files: Sequence[tuple[Path, Path]], config: OutcomeConfig, seed: int
 ) -> tuple[DmfcGraspNet, tuple[float, float], Report]:
-    """The network with its retrained head, slope and shift of its calibration, and how well it does.
+    """The network with its retrained head, the calibration (slope, shift), and how well it does.
 
     Measured and calibrated on objects that a head of the same kind had not seen.
     """

@@ -148,10 +148,11 @@ def outcome(builder: GraphBuilder, config: Config, proposer: Stage | Path) -> St
     trials = rollouts(builder, config, proposer)
     inputs: Inputs = {"hand": builder.hand(config), "rollouts": trials}
     hints: dict[str, str] = {}
-    if config.outcome.form == "head" and isinstance(proposer, Path):
-        settings["weights"], hints = file_digest(proposer / WEIGHTS), {"weights": str(proposer)}
-    elif config.outcome.form == "head":
-        inputs = {**inputs, "model": proposer}
+    if config.outcome.form == "head":
+        if isinstance(proposer, Path):
+            settings["weights"], hints = file_digest(proposer / WEIGHTS), {"weights": str(proposer)}
+        else:
+            inputs = {**inputs, "model": proposer}
     return builder.stage("outcome", f"seed {config.training.seed}", settings, inputs, hints)
 
 
