@@ -36,3 +36,17 @@ def geodesic_angle(first: Tensor, second: Tensor) -> Tensor:
     skew = (relative - relative.transpose(-1, -2)) / 2
     sine = torch.stack([skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]], dim=-1).norm(dim=-1)
     return torch.atan2(sine, cosine)
+
+
+def axis_angle_matrix(vector: Tensor) -> Tensor:
+    """Rotation by |v| rad about v, [..., 3] -> [..., 3, 3]; differentiable at 0, too."""
+    x, y, z = vector.unbind(-1)
+    skew = torch.stack(
+        [
+            torch.stack([0 * x, -z, y], dim=-1),
+            torch.stack([z, 0 * x, -x], dim=-1),
+            torch.stack([-y, x, 0 * x], dim=-1),
+        ],
+        dim=-2,
+    )
+    return torch.linalg.matrix_exp(skew)

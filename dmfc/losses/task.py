@@ -7,6 +7,7 @@ from collections.abc import Collection, Mapping
 import torch
 from torch import Tensor
 
+from dmfc.config.execution import ExecutionConfig
 from dmfc.config.losses import LossConfig, LossWeights
 from dmfc.errors import unknown_name
 from dmfc.geometry.transforms import transform
@@ -17,10 +18,11 @@ from dmfc.losses.custom import OwnTerms, PlacedHands
 from dmfc.losses.guidance import guidance
 from dmfc.losses.q1 import grasp_contacts, q1_of_contacts
 from dmfc.losses.q1_lower import q1_lower_of_contacts
+from dmfc.losses.swept import SweptCollision
 from dmfc.objects.atlas import SceneObjects
 
-TERMS = ("chamfer", "collision", "guidance", "q1_upper", "q1_lower")
-"""The terms of the task loss: w1 to w4 of the paper, and the lower bound of Q1."""
+TERMS = ("chamfer", "collision", "guidance", "q1_upper", "q1_lower", "swept")
+"""The terms of the task loss: w1 to w4 of the paper, then ours."""
 Q1_TERMS = {"q1_upper", "q1_lower"}
 
 
@@ -49,9 +51,13 @@ def weighted_sum(
 class SceneTerms:
     """Collision, guidance, Q1 and the user's own terms of grasps of one hand."""
 
-    def __init__(self, hand: HandModel, config: LossConfig) -> None:
+    def __init__(
+        self, hand: HandModel, config: LossConfig, execution: ExecutionConfig | None = None
+    ) -> None:
+        """`execution`: whose approach is swept (None: by default)."""
         self.config = config
         self.kinematics = HandKinematics(hand)
+        self.swept = SweptCollision(self.kinematics, config.swept, execution or ExecutionConfig())
         self.self_collision = SelfCollision(hand) if config.self_collision else None
         self.own = OwnTerms(config.own)
 
@@ -75,7 +81,10 @@ class SceneTerms:
         terms: dict[str, Tensor] = {}
         if "collision" in names:
             value = collision(hands.points, objects, T_world_link, self.self_collision)
-            terms["collision"] = value / self.config.units.collision**2
+            terms["collision"] = self._bounded(value / self.config.units.collision**2)
+        if "swept" in names:
+            value = self.swept(position, rotation, held, objects)
+            terms["swept"] = self._bounded(value / self.config.units.swept**2)
         if "guidance" in names:
             terms["guidance"] = guidance(hands.inner, objects) / self.config.units.guidance**2
         if Q1_TERMS & set(names):
@@ -90,3 +99,7 @@ class SceneTerms:
             if name in names:
                 terms[name] = self.own(name, hands)
         return terms
+
+    def _bounded(self, penetration: Tensor) -> Tensor:
+        """A term of penetration as the settings want it: as it is, or log(1 + x)."""
+        return torch.log1p(penetration) if self.config.saturated else penetration

@@ -132,8 +132,14 @@ def pretrain(ctx: StageContext) -> None:
 
 
 def finetune(ctx: StageContext) -> None:
-    """finetune: as `pretrain`, from its weights."""
-    _train(ctx, "finetune", ctx.input("weights"))
+    """finetune: as `pretrain`, from its weights or those of a trained model."""
+    if "start" not in ctx.config:
+        _train(ctx, "finetune", ctx.input("weights"))
+        return
+    folder = Path(ctx.hints["start"])
+    path = folder / WEIGHTS
+    require_same(f"training.finetune_from: {path}", file_digest(path), ctx.config["start"])
+    _train(ctx, "finetune", folder)
 
 
 @with_packs
@@ -232,6 +238,7 @@ def present(folders: list[Path]) -> list[Path]:
 
 
 def _train(ctx: StageContext, stage: Literal["pretrain", "finetune"], weights: Path | None) -> None:
+    from dmfc.config.execution import ExecutionConfig
     from dmfc.config.validation import ValidationConfig
     from dmfc.training.data import SceneData
     from dmfc.training.fit import fit
@@ -261,7 +268,9 @@ def _train(ctx: StageContext, stage: Literal["pretrain", "finetune"], weights: P
         validation=load_scenes(ctx.input_list("validation_scenes")) if validated else None,
     )
     validation = ctx.config.get("validation", ValidationConfig())
-    config = FitConfig(ctx.config["network"], ctx.config["losses"], training, validation)
+    execution = ctx.config.get("execution", ExecutionConfig())
+    settings = (ctx.config["network"], ctx.config["losses"], training, validation, execution)
+    config = FitConfig(*settings)
     digest = data_digest(ctx.inputs)
     fit(stage, config, hand, data, atlas, ctx.out, ctx.work, weights, digest, ctx.progress)
 

@@ -19,12 +19,14 @@ from dmfc.training.batch import Batch
 class Candidates:
     """n predicted grasps of a batch, world frame.
 
-    scene `[n]`: row in the batch; position `[n,3]`, rotation6d `[n,6]`, joints `[n,J]` (raw), logit
+    scene `[n]`: row in the batch; position `[n,3]` of the palm, aim `[n,3]` of the point that
+    offsets lead to, rotation6d `[n,6]`, joints `[n,J]` (raw), logit
     `[n]` of the confidence; positive `[n]`: has a label; chamfer `[n]`: distance to it, 0 without.
     """
 
     scene: Tensor
     position: Tensor
+    aim: Tensor
     rotation6d: Tensor
     joints: Tensor
     logit: Tensor
@@ -45,6 +47,7 @@ class Candidates:
         return cls(
             scene=scene.flatten(),
             position=prediction.position.flatten(0, 1),
+            aim=prediction.aim.flatten(0, 1),
             rotation6d=prediction.rotation6d.flatten(0, 1),
             joints=prediction.joints.flatten(0, 1),
             logit=prediction.logit.flatten(),

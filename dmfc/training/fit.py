@@ -62,9 +62,9 @@ def fit(
     if init_weights is not None:
         load_weights(net, init_weights)
     points, seeds = training.rank_points, training.finetune_seeds
-    task = Task(stage, config.losses, hand, atlas, points, seeds)
+    task = Task(stage, config.losses, hand, atlas, points, seeds, config.execution)
     failure = Failure(work / FAILURE, config, hand.name)
-    validation = Validation(config.validation, config.losses, hand, atlas)
+    validation = Validation(config.validation, config.losses, hand, atlas, config.execution)
     module = GraspTraining(net, task, training, failure, validation)
     module.data_digest = data_digest
     started = time.perf_counter()
