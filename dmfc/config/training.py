@@ -89,6 +89,14 @@ class TrainingConfig:
     projection: ProjectionConfig = setting(
         ProjectionConfig, "Projected targets.", later=KEYS_VERSION
     )
+    diagnostic_scenes: int = setting(
+        0,
+        "Training scenes on which it is measured after each epoch of fine-tuning what the terms do "
+        "to predictions and labels; 0: none.",
+        least=0,
+        greatest=1000,
+        later=KEYS_VERSION,
+    )
     hard_scope: Literal["batch", "scene"] = setting(
         "scene", "Whether the hardest predictions are chosen in the whole batch or in each scene."
     )

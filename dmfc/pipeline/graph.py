@@ -31,7 +31,14 @@ from dmfc.prediction.models import model_folder
 
 HARD_SAMPLES = "hard_samples", "hard_error", "hard_scope", "rank_points"
 """Settings of `training` that choose hard samples."""
-OF_FINETUNING = "finetune", "finetune_seeds", "finetune_form", "finetune_from", "projection"
+OF_FINETUNING = (
+    "finetune",
+    "finetune_seeds",
+    "finetune_form",
+    "finetune_from",
+    "projection",
+    "diagnostic_scenes",
+)
 """Settings of `training` that pre-training knows nothing of."""
 APPROACH = "pregrasp_distance", "waypoints", "approach_tolerance", "grasp_tolerance"
 """Settings of `execution` that the swept collision depends on."""
@@ -228,6 +235,7 @@ class GraphBuilder:
         if config.losses.weights.swept != 0:
             way = {name: getattr(config.execution, name) for name in APPROACH}
             settings["execution"] = dataclasses.replace(ExecutionConfig(), **way)
+            settings["closing"] = without(config.closing, "squeeze")
         if config.losses.own:
             own = {text: own_function(text, "losses.own").digest for text in config.losses.own}
             settings["own_losses"] = own

@@ -30,6 +30,7 @@ from dmfc.pipeline.artifacts import (
 from dmfc.pipeline.here import require_same, source_here, with_packs
 
 if TYPE_CHECKING:
+    from dmfc.config.closing import ClosingConfig
     from dmfc.execution.evaluate import Evaluation
     from dmfc.hand.model import HandModel
     from dmfc.objects.atlas import ObjectAtlas
@@ -246,7 +247,7 @@ def _train(ctx: StageContext, stage: Literal["pretrain", "finetune"], weights: P
 
     training = ctx.config["training"]
     check_own_losses(ctx.config.get("own_losses", {}))
-    hand, atlas = training_geometry(ctx.inputs)
+    hand, atlas = training_geometry(ctx.inputs, ctx.config.get("closing"))
     grasps = load_grasp_sets(present(ctx.input_list("grasps")))
     if not any(len(found) for found in grasps.values()):
         raise DmfcError("no training object has a grasp: raise grasps.max_checks")
@@ -272,7 +273,8 @@ def _train(ctx: StageContext, stage: Literal["pretrain", "finetune"], weights: P
     settings = (ctx.config["network"], ctx.config["losses"], training, validation, execution)
     config = FitConfig(*settings)
     digest = data_digest(ctx.inputs)
-    fit(stage, config, hand, data, atlas, ctx.out, ctx.work, weights, digest, ctx.progress)
+    probe = data.probe(training.diagnostic_scenes) if training.diagnostic_scenes else None
+    fit(stage, config, hand, data, atlas, ctx.out, ctx.work, weights, digest, probe, ctx.progress)
 
 
 def check_own_losses(digests: Mapping[str, str]) -> None:
@@ -285,9 +287,12 @@ def check_own_losses(digests: Mapping[str, str]) -> None:
 
 
 def training_geometry(
-    inputs: Mapping[str, Path | list[Path]],
+    inputs: Mapping[str, Path | list[Path]], closing: ClosingConfig | None = None
 ) -> tuple[HandModel, ObjectAtlas]:
-    """The hand and the objects of a training stage: to train on, then to validate on."""
+    """The hand and the objects of a training stage: to train on, then to validate on.
+
+    `closing`: how the fingers open and close (None: by default).
+    """
     from dmfc.objects.atlas import ObjectAtlas
 
     hand, train = inputs["hand"], inputs["objects"]
@@ -296,7 +301,7 @@ def training_geometry(
     assert isinstance(train, list)
     assert isinstance(held_out, list)
     objects = Objects([*present(train), *whole(held_out)])
-    return load_hand(hand), ObjectAtlas.of(list(objects.values()))
+    return load_hand(hand, closing), ObjectAtlas.of(list(objects.values()))
 
 
 def data_digest(inputs: Mapping[str, Path | list[Path]]) -> str:

@@ -16,6 +16,7 @@ from dmfc.losses.confidence import confidence_loss
 from dmfc.network.model import DmfcGraspNet, Prediction
 from dmfc.training.batch import Batch
 from dmfc.training.candidates import Candidates
+from dmfc.training.diagnostics import Diagnostics
 from dmfc.training.failure import Failure
 from dmfc.training.means import Means
 from dmfc.training.measures import label_errors
@@ -30,7 +31,8 @@ class GraspTraining(LightningModule):
 
     Where a loss or a gradient is not finite the run stops with a DmfcError that names the term and
     the scene, and `failure` saves the batch and the weights that led there. `data_digest` says
-    which data the checkpoints belong to. Batches of validation need a `validation`.
+    which data the checkpoints belong to. Batches of validation need a `validation`. What
+    `diagnostics` measure is in the row of each epoch.
     """
 
     data_digest = ""
@@ -42,6 +44,7 @@ class GraspTraining(LightningModule):
         config: TrainingConfig,
         failure: Failure,
         validation: Validation | None = None,
+        diagnostics: Diagnostics | None = None,
     ) -> None:
         super().__init__()
         self.net = net
@@ -49,6 +52,7 @@ class GraspTraining(LightningModule):
         self.config = config
         self.failure = failure
         self.validation = validation
+        self.diagnostics = diagnostics
         self.metrics: list[dict[str, Any]] = []
         self._means = Means()
         self._validation_means = Means()
@@ -179,6 +183,9 @@ class GraspTraining(LightningModule):
     def on_train_epoch_end(self) -> None:
         seconds = time.perf_counter() - self._started
         scenes = self._means.count("scenes") * self.trainer.world_size
+        if self.diagnostics is not None:
+            for name, values in self.diagnostics.measure(self.net).items():
+                self._means.add(name, values)
         means = self._result(self._means)
         if "loss" not in means:
             raise DmfcError(
