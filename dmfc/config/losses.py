@@ -74,6 +74,14 @@ class Q1Config:
         "A contact may press less than its full force, so that Q1 is at least 0. False keeps a "
         "gradient below 0.",
     )
+    worst: int = setting(
+        1,
+        "Number of the worst directions whose mean is the upper bound. 1: the minimum, as in the "
+        "paper, of which one contact and one direction have a gradient.",
+        least=1,
+        greatest=64,
+        later=KEYS_VERSION,
+    )
 
 
 @dataclass(frozen=True)
@@ -87,6 +95,20 @@ class Q1LowerConfig:
         greatest=10_000,
     )
     edges: int = setting(6, "Edges of the pyramid inside each friction cone.", least=3, greatest=64)
+
+
+@dataclass(frozen=True)
+class GuidanceConfig:
+    points: Literal["all", "tips"] = setting(
+        "all", "Inner points that are drawn: all, as in the paper, or those of the finger tips."
+    )
+    reach: float = setting(
+        0.0,
+        "Inner points farther from the surface are not drawn to it; 0: all are.",
+        unit="m",
+        least=0,
+        greatest=1,
+    )
 
 
 @dataclass(frozen=True)
@@ -160,6 +182,15 @@ class LossConfig:
         True, "The collision term also counts penetration of the hand's own links."
     )
     swept: SweptConfig = setting(SweptConfig, "The swept collision.", later=KEYS_VERSION)
+    guidance: GuidanceConfig = setting(
+        GuidanceConfig, "What guidance draws to the surface.", later=KEYS_VERSION
+    )
+    relative: bool = setting(
+        False,
+        "Every term but chamfer counts only beyond its value at the nearest label, so that a "
+        "verified grasp costs nothing.",
+        later=KEYS_VERSION,
+    )
     saturated: bool = setting(
         False,
         "Collision and swept collision count as log(1 + x): a few deep penetrations then do not "

@@ -40,9 +40,7 @@ class ProjectionConfig:
     angle: float = setting(
         0.17, "Greatest rotation of the palm.", unit="rad", least=1e-6, greatest=3
     )
-    joints: float = setting(
-        0.2, "Greatest change of a joint.", unit="rad", least=1e-6, greatest=3
-    )
+    joints: float = setting(0.2, "Greatest change of a joint.", unit="rad", least=1e-6, greatest=3)
     worse: float = setting(
         0.1,
         "Share by which a single term may grow above its value at the prediction. A step after "

@@ -1,8 +1,8 @@
-"""Swept collision: squared penetration beyond what execution allows, on the whole way to a grasp.
+"""Swept collision: squared penetration beyond what execution allows, all the way to a grasp.
 
-swept_i = 1 / (P (W + 1)) sum_poses sum_points max(d - allowed, 0)^2, d the signed distance, positive
-inside. Poses: the opened hand at the W waypoints of the approach, then the closed hand at the grasp.
-Meshes: the table and each object; the hand itself is left out, since no label is free of it.
+swept_i = 1 / (P (W + 1)) sum_poses sum_points max(d - allowed, 0)^2, d the signed distance,
+positive inside. Poses: the opened hand at the W waypoints of the approach, then the closed hand at
+the grasp. Meshes: the table and each object, and not the hand itself.
 """
 
 from __future__ import annotations

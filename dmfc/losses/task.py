@@ -15,7 +15,7 @@ from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.model import HandModel
 from dmfc.losses.collision import SelfCollision, collision
 from dmfc.losses.custom import OwnTerms, PlacedHands
-from dmfc.losses.guidance import guidance
+from dmfc.losses.guidance import guidance, tips
 from dmfc.losses.q1 import grasp_contacts, q1_of_contacts
 from dmfc.losses.q1_lower import q1_lower_of_contacts
 from dmfc.losses.swept import SweptCollision
@@ -59,6 +59,7 @@ class SceneTerms:
         self.kinematics = HandKinematics(hand)
         self.swept = SweptCollision(self.kinematics, config.swept, execution or ExecutionConfig())
         self.self_collision = SelfCollision(hand) if config.self_collision else None
+        self.tips = tips(hand) if config.guidance.points == "tips" else None
         self.own = OwnTerms(config.own)
 
     def __call__(
@@ -86,7 +87,9 @@ class SceneTerms:
             value = self.swept(position, rotation, held, objects)
             terms["swept"] = self._bounded(value / self.config.units.swept**2)
         if "guidance" in names:
-            terms["guidance"] = guidance(hands.inner, objects) / self.config.units.guidance**2
+            inner = hands.inner if self.tips is None else hands.inner[:, self.tips]
+            value = guidance(inner, objects, self.config.guidance.reach)
+            terms["guidance"] = value / self.config.units.guidance**2
         if Q1_TERMS & set(names):
             q1 = self.config.q1
             contacts = grasp_contacts(hands.inner, objects, q1)

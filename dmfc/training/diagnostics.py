@@ -16,11 +16,11 @@ from torch import Tensor
 from torch.nn.functional import cosine_similarity
 
 from dmfc.config.training import ProjectionConfig
-from dmfc.geometry.rotations import rotation_vector, sixd_from_matrix
+from dmfc.geometry.rotations import rotation_vector
 from dmfc.network.model import DmfcGraspNet
 from dmfc.training.batch import Batch
-from dmfc.training.candidates import Candidates, label_centres
-from dmfc.training.projection import Moves, descent
+from dmfc.training.candidates import Candidates
+from dmfc.training.projection import SMALLEST, Moves, descent
 from dmfc.training.task import Task
 
 EASY = 0.8
@@ -41,16 +41,17 @@ class Diagnostics:
             self.start = self._rows(net)
         moves = Moves(self.start, task, config)
         _, self.total, self.slope = descent(moves, moves.still, task, batch)
-        self.at_labels = _terms_at_labels(task, batch, net.centre)
+        with torch.no_grad():
+            self.at_labels = task.cheap_terms(self.start.at_labels(batch), batch)
 
     def measure(self, net: DmfcGraspNet) -> dict[str, Tensor]:
         """Values by name, each of any number, of the network as it is now.
 
-        own_terms_fell: of each prediction, whether the weighted sum of its terms is below that at
-        the start; own_cosine_easy, own_cosine_hard: of the easiest 80 % and of the others, the
+        own_terms_fell: of each prediction that had any at the start, whether the weighted sum of
+        its terms has fallen; own_cosine_easy, own_cosine_hard: of the easiest 80 % and of the others, the
         cosine of its descent direction at the start and its motion since; TERM_at_labels: each
-        term at the labels; gradient_norm_TERM, gradient_cosine_TERM_TERM: of the gradients in the
-        weights of each term's mean.
+        term at the label that was nearest at the start; gradient_norm_TERM and
+        gradient_cosine_TERM_TERM: of the gradients in the weights of each term's mean.
         """
         with _evaluating(net):
             rows = self._rows(net)
@@ -58,7 +59,7 @@ class Diagnostics:
         with torch.no_grad():
             total = self.task.total(self.task.cheap_terms(rows, self.batch))
             motion = self._motion(rows)
-        found["own_terms_fell"] = (total < self.total).float()
+        found["own_terms_fell"] = (total < self.total)[self.total > SMALLEST].float()
         went = motion.norm(dim=1) * self.slope.norm(dim=1) > 0
         easy = self.total <= self.total.quantile(EASY)
         cosine = cosine_similarity(-self.slope, motion, dim=1)
@@ -99,24 +100,6 @@ class Diagnostics:
             cosine = cosine_similarity(gradients[first], gradients[second], dim=0)
             found[f"gradient_cosine_{first}_{second}"] = cosine
         return found
-
-
-@torch.no_grad()
-def _terms_at_labels(task: Task, batch: Batch, centre: Tensor) -> dict[str, Tensor]:
-    """Each term of the scene at the labels of a batch, [labels]."""
-    scene, label = batch.grasp_mask.nonzero(as_tuple=True)
-    nothing = torch.zeros(len(scene), device=batch.points.device)
-    rows = Candidates(
-        scene=scene,
-        position=batch.grasp_position[scene, label],
-        aim=label_centres(batch, centre)[scene, label],
-        rotation6d=sixd_from_matrix(batch.grasp_rotation[scene, label]),
-        joints=batch.grasp_joints[scene, label],
-        logit=nothing,
-        positive=nothing == 0,
-        chamfer=nothing,
-    )
-    return task.cheap_terms(rows, batch)
 
 
 @contextlib.contextmanager

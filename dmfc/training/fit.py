@@ -54,8 +54,9 @@ def fit(
 
     `init_weights`: folder of a finished stage to start from; None starts from random weights, which
     follow from the seed. `data_digest` tells the data from others: a checkpoint of other data is
-    refused. `probe`: scenes on which fine-tuning is diagnosed. `work` holds a checkpoint per epoch: a second call with the same `work`
-    goes on after the last finished epoch, and ends as the uninterrupted run would have.
+    refused. `probe`: scenes on which fine-tuning is diagnosed. `work` holds a checkpoint per epoch:
+    a second call with the same `work` goes on after the last finished epoch, and ends as the
+    uninterrupted run would have.
     Raises DmfcError where a loss or a weight is not finite or nothing can be learned.
     """
     training = config.training

@@ -110,6 +110,22 @@ def project(rows: Candidates, batch: Batch, task: Task, config: ProjectionConfig
     stays and its next step is half as long.
     """
     moves = Moves(rows, task, config)
+    with torch.no_grad():
+        before = task.cheap_terms(moves.rows_at(moves.still), batch)
+        total = task.total(before)
+    moving = (total > SMALLEST).nonzero()[:, 0]
+    move, after = moves.still, before
+    if len(moving):
+        move[moving], ended = _steps(rows.take(moving), batch, task, config)
+        after = {name: value.index_copy(0, moving, ended[name]) for name, value in before.items()}
+    return Projected(moves.shift(move, task.space), before, after, move.abs().amax(1) > 0)
+
+
+def _steps(
+    rows: Candidates, batch: Batch, task: Task, config: ProjectionConfig
+) -> tuple[Tensor, dict[str, Tensor]]:
+    """The motions [n, 6 + J] of predictions, and their terms [n] after them."""
+    moves = Moves(rows, task, config)
     move = moves.still
     before, total, slope = descent(moves, move, task, batch)
     limit = {name: value * (1 + config.worse) + SMALLEST for name, value in before.items()}
@@ -118,7 +134,7 @@ def project(rows: Candidates, batch: Batch, task: Task, config: ProjectionConfig
         direction = slope / slope.norm(dim=1, keepdim=True).clamp(min=SMALLEST**2)
         trial = bounded(move - length[:, None] * direction)
         terms, new, new_slope = descent(moves, trial, task, batch)
-        taken = (total > SMALLEST) & (new < total)
+        taken = new < total
         for name, value in terms.items():
             taken &= value <= limit[name]
         move, slope = (
@@ -127,5 +143,4 @@ def project(rows: Candidates, batch: Batch, task: Task, config: ProjectionConfig
         total = torch.where(taken, new, total)
         after = {name: torch.where(taken, terms[name], value) for name, value in after.items()}
         length = length * torch.where(taken, LONGER, SHORTER)
-    shift = moves.shift(move, task.space)
-    return Projected(shift, before, after, move.abs().amax(1) > 0)
+    return move, after

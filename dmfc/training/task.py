@@ -61,7 +61,7 @@ class Task:
             raise DmfcError(f"{stage} has no loss: every one of losses.weights is 0")
         self.of_scene = [name for name in self.names if name != "chamfer"]
         self.labelled = seeds == "labelled" or not self.of_scene
-        self.space = config.grasp_space
+        self.space, self.relative = config.grasp_space, config.relative
         self.atlas = atlas
         self._full = SceneTerms(hand, config, execution)
         self._cheap, self._ranked = self._full, self.of_scene
@@ -113,9 +113,20 @@ class Task:
         terms = {"chamfer": rows.chamfer} if "chamfer" in self.names else {}
         if not of_scene:
             return terms
+        found = self._of_scene(rows, batch, compute, of_scene)
+        if self.relative:
+            with torch.no_grad():
+                least = self._of_scene(rows.at_labels(batch), batch, compute, of_scene)
+            for name, value in found.items():
+                beyond = (value - least[name]).clamp(min=0)
+                found[name] = torch.where(rows.positive, beyond, value)
+        return terms | found
+
+    def _of_scene(
+        self, rows: Candidates, batch: Batch, compute: SceneTerms, names: Collection[str]
+    ) -> dict[str, Tensor]:
         objects = SceneObjects(self.atlas, batch.object_index, batch.T_world_object)
         # in float32 whatever the network's precision: penetrations are millimetres
         with torch.autocast(rows.position.device.type, enabled=False):
-            return terms | compute(
-                rows.position, rows.rotation, rows.joints, objects.take(rows.scene), of_scene
-            )
+            placed = rows.position, rows.rotation, rows.joints
+            return compute(*placed, objects.take(rows.scene), names)
