@@ -30,6 +30,7 @@ from dmfc.pipeline.artifacts import (
 from dmfc.pipeline.here import require_same, source_here, with_packs
 
 if TYPE_CHECKING:
+    from dmfc.config.closing import ClosingConfig
     from dmfc.execution.evaluate import Evaluation
     from dmfc.hand.model import HandModel
     from dmfc.network.model import DmfcGraspNet
@@ -134,8 +135,14 @@ def pretrain(ctx: StageContext) -> None:
 
 
 def finetune(ctx: StageContext) -> None:
-    """finetune: as `pretrain`, from its weights."""
-    _train(ctx, "finetune", ctx.input("weights"))
+    """finetune: as `pretrain`, from its weights or those of a trained model."""
+    if "start" not in ctx.config:
+        _train(ctx, "finetune", ctx.input("weights"))
+        return
+    folder = Path(ctx.hints["start"])
+    path = folder / WEIGHTS
+    require_same(f"training.finetune_from: {path}", file_digest(path), ctx.config["start"])
+    _train(ctx, "finetune", folder)
 
 
 @with_packs
@@ -243,6 +250,7 @@ def present(folders: list[Path]) -> list[Path]:
 
 
 def _train(ctx: StageContext, stage: Literal["pretrain", "finetune"], weights: Path | None) -> None:
+    from dmfc.config.execution import ExecutionConfig
     from dmfc.config.validation import ValidationConfig
     from dmfc.training.data import SceneData
     from dmfc.training.fit import fit
@@ -250,7 +258,7 @@ def _train(ctx: StageContext, stage: Literal["pretrain", "finetune"], weights: P
 
     training = ctx.config["training"]
     check_own_losses(ctx.config.get("own_losses", {}))
-    hand, atlas = training_geometry(ctx.inputs)
+    hand, atlas = training_geometry(ctx.inputs, ctx.config.get("closing"))
     grasps = load_grasp_sets(present(ctx.input_list("grasps")))
     if not any(len(found) for found in grasps.values()):
         raise DmfcError("no training object has a grasp: raise grasps.max_checks")
@@ -272,9 +280,12 @@ def _train(ctx: StageContext, stage: Literal["pretrain", "finetune"], weights: P
         validation=load_scenes(ctx.input_list("validation_scenes")) if validated else None,
     )
     validation = ctx.config.get("validation", ValidationConfig())
-    config = FitConfig(ctx.config["network"], ctx.config["losses"], training, validation)
+    execution = ctx.config.get("execution", ExecutionConfig())
+    settings = (ctx.config["network"], ctx.config["losses"], training, validation, execution)
+    config = FitConfig(*settings)
     digest = data_digest(ctx.inputs)
-    fit(stage, config, hand, data, atlas, ctx.out, ctx.work, weights, digest, ctx.progress)
+    probe = data.probe(training.diagnostic_scenes) if training.diagnostic_scenes else None
+    fit(stage, config, hand, data, atlas, ctx.out, ctx.work, weights, digest, probe, ctx.progress)
 
 
 def check_own_losses(digests: Mapping[str, str]) -> None:
@@ -287,9 +298,12 @@ def check_own_losses(digests: Mapping[str, str]) -> None:
 
 
 def training_geometry(
-    inputs: Mapping[str, Path | list[Path]],
+    inputs: Mapping[str, Path | list[Path]], closing: ClosingConfig | None = None
 ) -> tuple[HandModel, ObjectAtlas]:
-    """The hand and the objects of a training stage: to train on, then to validate on."""
+    """The hand and the objects of a training stage: to train on, then to validate on.
+
+    `closing`: how the fingers open and close (None: by default).
+    """
     from dmfc.objects.atlas import ObjectAtlas
 
     hand, train = inputs["hand"], inputs["objects"]
@@ -298,7 +312,7 @@ def training_geometry(
     assert isinstance(train, list)
     assert isinstance(held_out, list)
     objects = Objects([*present(train), *whole(held_out)])
-    return load_hand(hand), ObjectAtlas.of(list(objects.values()))
+    return load_hand(hand, closing), ObjectAtlas.of(list(objects.values()))
 
 
 def data_digest(inputs: Mapping[str, Path | list[Path]]) -> str:
