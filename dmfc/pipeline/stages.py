@@ -155,6 +155,7 @@ def evaluation_of(
     from dmfc.files.digest import file_digest
     from dmfc.hand.description import load_description
     from dmfc.network.checkpoint import load_network
+    from dmfc.pipeline.stages_method import method_of
 
     def one(name: str) -> Path:
         folder = inputs[name]
@@ -175,9 +176,10 @@ def evaluation_of(
             path = folder / WEIGHTS
             require_same(str(path), file_digest(path), config["weights"])
         network = load_network(folder, hand)
+    scenes = load_scenes([one("scenes")])
     return Evaluation(
         row=row,
-        scenes=load_scenes([one("scenes")]),
+        scenes=scenes,
         objects=Objects(several("objects")),
         grasps=load_grasp_sets(several("grasps")) if row == "planner" else None,
         labels=config.get("labels"),
@@ -189,6 +191,7 @@ def evaluation_of(
         judge=_judge(config, inputs, hints, hand)
         if config["execution"].score == "outcome"
         else None,
+        method=method_of(config, hints, scenes, hand),
     )
 
 
