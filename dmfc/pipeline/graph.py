@@ -25,6 +25,7 @@ from dmfc.files.digest import file_digest
 from dmfc.grasps.library import in_library, library_file, library_folder
 from dmfc.hand.description import own_hand_digest
 from dmfc.network.model_files import WEIGHTS
+from dmfc.pipeline.graph_method import method_settings
 from dmfc.pipeline.graph_outcome import judge
 from dmfc.pipeline.kinds import KINDS
 from dmfc.prediction.models import model_folder
@@ -252,11 +253,17 @@ class GraphBuilder:
         )
 
     def cell(
-        self, config: Config, model: str, name: str, checkpoint: Path | None = None
+        self,
+        config: Config,
+        model: str,
+        name: str,
+        checkpoint: Path | None = None,
+        method: str | Path | None = None,
     ) -> CellStages:
         """The stages of a cell whose `model` is pretrained, finetuned, planner or random.
 
-        With a `checkpoint`, the folder of a trained model, that one is executed.
+        With a `checkpoint`, the folder of a trained model, that one is executed; with a `method`,
+        that one (see `method_settings`).
         Raises DmfcError where a model would be tested on an object that it was trained on.
         """
         trained: Stage | None = None
@@ -273,6 +280,9 @@ class GraphBuilder:
             "execution": _in_units(under),
             "physics": under.physics,
         }
+        if method is not None:
+            own, hints = method_settings(method)
+            settings |= own
         if checkpoint:
             settings["weights"] = file_digest(checkpoint / WEIGHTS)
             hints["weights"] = str(checkpoint)

@@ -162,6 +162,7 @@ def evaluation_of(
     """What an evaluation stage executes, from its settings and the folders of its inputs."""
     from dmfc.execution.evaluate import Evaluation
     from dmfc.hand.description import load_description
+    from dmfc.pipeline.stages_method import method_of
 
     def one(name: str) -> Path:
         folder = inputs[name]
@@ -176,9 +177,10 @@ def evaluation_of(
     row = config["row"]
     hand = load_hand(one("hand"), config["closing"])
     network = load_model(config, inputs, hints, hand) if row == "model" else None
+    scenes = load_scenes([one("scenes")])
     return Evaluation(
         row=row,
-        scenes=load_scenes([one("scenes")]),
+        scenes=scenes,
         objects=Objects(several("objects")),
         grasps=load_grasp_sets(several("grasps")) if row == "planner" else None,
         labels=config.get("labels"),
@@ -190,6 +192,7 @@ def evaluation_of(
         judge=_judge(config, inputs, hints, hand)
         if config["execution"].score == "outcome"
         else None,
+        method=method_of(config, hints, scenes, hand),
     )
 
 
