@@ -14,8 +14,14 @@ from dmfc.cli import complete
 from dmfc.cli.common import PRESET, STORE, AsJson, Overrides, Preset, Store
 from dmfc.cli.dry_run import show_plans
 from dmfc.experiment.console import answer
-from dmfc.experiment.drive import disk_errors_told, drive, page_writer, show_status, write_tables
-from dmfc.experiment.session import Session, interrupts_told
+from dmfc.experiment.drive import (
+    drive,
+    explained_disk_errors,
+    page_writer,
+    show_status,
+    write_tables,
+)
+from dmfc.experiment.session import Session, resumable
 
 
 class RunByDefault(TyperGroup):
@@ -60,7 +66,7 @@ def sweep(
 
     Prints a table per sweep, writes it to STORE/sweeps/ID/, and brings MLflow up to date.
     """
-    with interrupts_told():
+    with resumable():
         _run(files, preset, overrides, store, as_json, dry_run)
 
 
@@ -85,7 +91,7 @@ def _run(
         show_plans(plans, session.ledger, as_json)
         return
     started = time.monotonic()
-    with disk_errors_told(session.ledger):
+    with explained_disk_errors(session.ledger):
         driven = drive(plans, session.ledger, as_json)
     closing = {"stages_run": driven.ran, "seconds": round(time.monotonic() - started, 2)}
     results = driven.results
@@ -113,11 +119,11 @@ def status(
     from dmfc.report.collect import read_sweep, resolve_sweeps
 
     ledger = Ledger(store)
-    told = []
+    states = []
     for sweep_id in resolve_sweeps(ledger, sweep_ids):
         described = read_sweep(ledger, sweep_id)
         state = read_state(ledger.store / "sweeps" / sweep_id)
-        told.append(
+        states.append(
             {
                 "sweep": sweep_id,
                 "status": state.status,
@@ -128,9 +134,9 @@ def status(
             }
         )
     if as_json:
-        answer(told)
+        answer(states)
         return
-    for one in told:
+    for one in states:
         show_status(one)
 
 

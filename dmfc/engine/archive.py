@@ -120,9 +120,9 @@ def export(
     folders += [f"sweeps/{sweep_id}" for sweep_id in sweep_ids]
     digests = {name: _digests(ledger.store / name) for name in folders}
     names = [f"{folder}/{name}" for folder, files in digests.items() for name in files]
-    told = {"version": VERSION, "stages": stages, "folders": digests}
-    told["bytes"] = sum((ledger.store / name).stat().st_size for name in names)
-    manifest = json.dumps(told, indent=1).encode()
+    listing = {"version": VERSION, "stages": stages, "folders": digests}
+    listing["bytes"] = sum((ledger.store / name).stat().st_size for name in names)
+    manifest = json.dumps(listing, indent=1).encode()
     mode: Literal["w:gz", "w"] = "w:gz" if archive.suffix == ".gz" else "w"
     try:
         with written_whole(archive) as temporary, tarfile.open(temporary, mode) as tar:
@@ -217,5 +217,5 @@ def _adopt(ledger: Ledger, staging: Path, stages: list[str], sweeps: list[str]) 
 def _digests(folder: Path) -> dict[str, str]:
     """Digests of all files of a folder, the record first."""
     found = folder_digests(folder)
-    own = {RECORD: found.pop(RECORD)} if RECORD in found else {}
-    return own | found
+    first = {RECORD: found.pop(RECORD)} if RECORD in found else {}
+    return first | found

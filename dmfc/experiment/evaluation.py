@@ -105,14 +105,16 @@ def evaluated(
 
 
 def _implausible(session: Session) -> list[str]:
-    """Warnings of masses that the user's own test objects cannot have."""
+    """Warnings of masses that the user's test objects cannot have."""
     from dmfc.objects.mass import implausible_mass
     from dmfc.pipeline.artifacts import load_object
 
     objects = session.builder.objects(session.config, "test")
-    own = [stage for stage in objects if stage.name.startswith(("folder/", "own/"))]
+    users = [stage for stage in objects if stage.name.startswith(("folder/", "own/"))]
     ledger = session.ledger
-    made = [s.address for s in own if ledger.finished(s.address) and not ledger.failure(s.address)]
+    made = [
+        s.address for s in users if ledger.finished(s.address) and not ledger.failure(s.address)
+    ]
     return [implausible_mass(load_object(ledger.verified(address))) for address in made]
 
 

@@ -55,9 +55,9 @@ def link_distances(grasps: GraspSet, hand: HandModel, model: ObjectModel) -> np.
         points.append(kinematics.collision_points(T[rows], joints[rows]).numpy())
     distance = np.full((len(grasps), hand.links), -np.inf)
     if points:
-        own = model.sdf.distance(np.concatenate(points))
+        depth = model.sdf.distance(np.concatenate(points))
         for link in np.unique(hand.collision_link):
-            distance[:, link] = own[:, hand.collision_link == link].max(axis=1)
+            distance[:, link] = depth[:, hand.collision_link == link].max(axis=1)
     return distance
 
 

@@ -66,10 +66,10 @@ def hand_arrays(hand: HandModel, finger_of_link: np.ndarray) -> HandArrays:
     """The arrays of a hand; finger_of_link [L]."""
     points = np.asarray(hand.collision_points, dtype=np.float64)
     rows = [np.flatnonzero(hand.collision_link == link) for link in range(hand.links)]
-    split = [_clusters(points, own) for own in rows]
-    flat = [cluster for own in split for cluster in own]
+    split = [_clusters(points, of_link) for of_link in rows]
+    flat = [cluster for of_link in split for cluster in of_link]
     spheres = (*_spheres([points[c] for c in flat]), np.cumsum([0, *map(len, split)]))
-    link_spheres = _spheres([points[own] for own in rows])
+    link_spheres = _spheres([points[of_link] for of_link in rows])
     first = np.cumsum([0, *map(len, flat)])
     points = np.ascontiguousarray(points[np.concatenate(flat)])
     real = [hand.T_parent_link, hand.joint_axis, hand.joint_scale]
@@ -94,10 +94,10 @@ def _clusters(points: np.ndarray, rows: np.ndarray) -> list[np.ndarray]:
 def _spheres(groups: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """Centres [n, 3] and radii [n] around groups of points; -1 around none."""
     centre, radius = np.zeros((len(groups), 3)), np.full(len(groups), -1.0)
-    for row, own in enumerate(groups):
-        if len(own):
-            centre[row] = 0.5 * (own.min(axis=0) + own.max(axis=0))
-            radius[row] = np.linalg.norm(own - centre[row], axis=1).max()
+    for row, group in enumerate(groups):
+        if len(group):
+            centre[row] = 0.5 * (group.min(axis=0) + group.max(axis=0))
+            radius[row] = np.linalg.norm(group - centre[row], axis=1).max()
     return centre, radius
 
 

@@ -202,8 +202,8 @@ class Proposer:
         ranges = self.description.preshape_range
         _, kind = np.unique(ranges, axis=0, return_inverse=True)
         alike = generator.uniform(size=(count, kind.max() + 1))[:, kind.ravel()]
-        own = generator.uniform(size=(count, len(ranges)))
-        mixed = np.where(self.hand.flexion != 0, 0.7 * alike + 0.3 * own, own)
+        single = generator.uniform(size=(count, len(ranges)))
+        mixed = np.where(self.hand.flexion != 0, 0.7 * alike + 0.3 * single, single)
         lower, upper = ranges.T
         return np.clip(lower + mixed * (upper - lower), self.hand.lower, self.hand.upper)
 

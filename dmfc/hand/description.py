@@ -101,7 +101,7 @@ def load_description(name: str) -> HandDescription:
     return _read(path, text)
 
 
-def own_hand_digest(name: str) -> str:
+def custom_hand_digest(name: str) -> str:
     """SHA-256 of a user's YAML file, its MJCF and the files that this names; '' for a shipped hand.
 
     Of a description that uses an asset pack, the YAML file alone: packs are pinned.

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dmfc.config.custom_function import own_function
+from dmfc.config.custom_function import custom_function
 from dmfc.config.execution import ExecutionConfig
 from dmfc.config.losses import LossWeights, Q1Config
 from dmfc.config.protocol import executed
@@ -23,7 +23,7 @@ from dmfc.engine.stage import Stage, without
 from dmfc.errors import DmfcError
 from dmfc.files.digest import file_digest
 from dmfc.grasps.library import in_library, library_file, library_folder
-from dmfc.hand.description import own_hand_digest
+from dmfc.hand.description import custom_hand_digest
 from dmfc.network.model_files import WEIGHTS
 from dmfc.pipeline.graph_outcome import judge
 from dmfc.pipeline.kinds import KINDS
@@ -110,9 +110,9 @@ class GraphBuilder:
         return Stage(kind, name, version, config, inputs or {}, hints or {})
 
     def hand(self, config: Config) -> Stage:
-        """The hand's model; of a user's own hand, what its files hold counts, too."""
-        own = own_hand_digest(config.hand.name)
-        files = {"files": own} if own else {}
+        """The hand's model; of a custom hand, what its files hold counts, too."""
+        digest = custom_hand_digest(config.hand.name)
+        files = {"files": digest} if digest else {}
         return self.stage("hand", config.hand.name, {"hand": config.hand, **files})
 
     def objects(self, config: Config, split: str) -> tuple[Stage, ...]:
@@ -203,7 +203,7 @@ class GraphBuilder:
             q1_upper=0.0,
             confidence=config.losses.weights.confidence,
         )
-        unused = ("q1", "q1_lower", "units", "self_collision", "own")
+        unused = ("q1", "q1_lower", "units", "self_collision", "custom")
         losses = dataclasses.replace(without(config.losses, *unused), weights=weights)
         settings = {
             **self._learning(config),
@@ -220,9 +220,10 @@ class GraphBuilder:
             "losses": config.losses,
             "training": without(config.training, "pretrain"),
         }
-        if config.losses.own:
-            own = {text: own_function(text, "losses.own").digest for text in config.losses.own}
-            settings["own_losses"] = own
+        if config.losses.custom:
+            settings["own_losses"] = {
+                text: custom_function(text, "losses.custom").digest for text in config.losses.custom
+            }
         inputs: Inputs = {**self._learning_inputs(config), "weights": self.pretrain(config)}
         return self.stage("finetune", f"{name} seed {config.training.seed}", settings, inputs)
 

@@ -49,10 +49,10 @@ class Task:
         self.weights = config.weights
         if stage == "pretrain":
             self.weights = LossWeights(1.0, 0.0, 0.0, 0.0, confidence=config.weights.confidence)
-            config = dataclasses.replace(config, own={})
-        self.own = {term_name(text): weight for text, weight in config.own.items()}
-        own = [name for name, weight in self.own.items() if weight != 0]
-        self.names = [*active_terms(self.weights), *own]
+            config = dataclasses.replace(config, custom={})
+        self.custom = {term_name(text): weight for text, weight in config.custom.items()}
+        custom = [name for name, weight in self.custom.items() if weight != 0]
+        self.names = [*active_terms(self.weights), *custom]
         if not self.names:
             raise DmfcError(f"{stage} has no loss: every one of losses.weights is 0")
         self.of_scene = [name for name in self.names if name != "chamfer"]
@@ -91,7 +91,7 @@ class Task:
 
     def total(self, terms: dict[str, Tensor]) -> Tensor:
         """task_i = w1 chamfer + w2 collision + w3 guidance + w4 q1_upper + ..., `[n]`."""
-        return weighted_sum(terms, self.weights, self.own)
+        return weighted_sum(terms, self.weights, self.custom)
 
     def _terms(
         self, rows: Candidates, batch: Batch, compute: SceneTerms, of_scene: Collection[str]
