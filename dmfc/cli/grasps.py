@@ -110,9 +110,9 @@ def grasps_stats(
     store: Store = STORE,
     as_json: AsJson = False,
 ) -> None:
-    """What is in the grasp sets that are there already, per object and over all.
+    """Statistics of existing grasp sets, per object and over all.
 
-    Those that are not planned yet are counted on standard error. An object that failed is a row
+    Objects without a planned set are counted on standard error. An object that failed is a row
     with its reason. Ends with status 1 if no object has a set.
     """
     session = Session.open(preset, overrides, store)

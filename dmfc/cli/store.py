@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from dmfc.engine.ledger import Ledger
 
 store_app = typer.Typer(
-    name="store", help="Finished stages: what there is, and moving it.", no_args_is_help=True
+    name="store", help="Finished stages: list, check, and move them.", no_args_is_help=True
 )
 
 Kind = Annotated[str | None, typer.Argument(help="A kind of stage; default: a line per kind.")]

@@ -39,7 +39,7 @@ sweep_app = typer.Typer(name="sweep", cls=RunByDefault, no_args_is_help=True)
 
 @sweep_app.callback()
 def group() -> None:
-    """Run every cell of one or more sweeps (`run` may be left out), or say how they stand."""
+    """Run every cell of one or more sweeps (`run` may be left out), or print their status."""
 
 
 @sweep_app.command("run")
@@ -62,7 +62,7 @@ def sweep(
         ),
     ] = False,
 ) -> None:
-    """Run every cell of one or more sweeps; go on where an earlier call stopped.
+    """Run every cell of one or more sweeps; continue where an earlier call stopped.
 
     Prints a table per sweep, writes it to STORE/sweeps/ID/, and brings MLflow up to date.
     """
@@ -112,7 +112,7 @@ def status(
     store: Store = STORE,
     as_json: AsJson = False,
 ) -> None:
-    """Say how sweeps stand: finished stages, what is being run and where, what failed."""
+    """Print the status of sweeps: finished, running and failed stages."""
     from dmfc.engine.ledger import Ledger
     from dmfc.engine.state import read_state
     from dmfc.engine.status import counts, running

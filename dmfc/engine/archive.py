@@ -73,7 +73,7 @@ def export_to(
     except OSError as error:
         raise DmfcError(f"{place} cannot be reached: {first_line(error)}") from error
     if taken:
-        raise DmfcError(f"'{place}' is there already: remove it, or give another name")
+        raise DmfcError(f"'{place}' exists already: remove it, or give another name")
     with _temporary(ledger, place) as local:
         count = export(ledger, addresses, sweep_ids, local)
         _transfer(str(local), place)
@@ -110,9 +110,9 @@ def export(
     """
     stages = sorted(addresses)
     if not stages:
-        raise DmfcError("nothing to export: no stage of that is finished")
+        raise DmfcError("nothing to export: no stage of these sweeps is finished")
     if archive.exists():
-        raise DmfcError(f"'{archive}' is there already: remove it, or give another name")
+        raise DmfcError(f"'{archive}' exists already: remove it, or give another name")
     for address, wrong in verify(ledger, stages):
         if wrong:
             raise DmfcError(f"{address} cannot be exported: {wrong[0]} (dmfc store verify)")
@@ -151,7 +151,7 @@ def take_in(ledger: Ledger, archive: Path) -> Imported:
         stages, sweeps = _check(staging, archive, unpacked(archive, staging))
         return _adopt(ledger, staging, stages, sweeps)
     except tarfile.ReadError as error:
-        raise DmfcError(f"'{archive}' is no tar archive, or a damaged one") from error
+        raise DmfcError(f"'{archive}' is not a tar archive, or it is damaged") from error
     except (OSError, tarfile.TarError, EOFError, zlib.error) as error:
         raise DmfcError(f"'{archive}' was not taken in: {error}") from error
     finally:

@@ -3,7 +3,7 @@
 Napier (1956) parts grasps in two, and the taxonomies of Cutkosky (1989) and of Feix et al. (2016)
 keep that as their first division: in a power grasp the object lies against the palm and the roots
 of the fingers, in a precision grasp the fingertips alone hold it. Feix et al. add an intermediate
-class. Here the parts that touch decide, as told by signed distances at the stored grasp:
+class. Here the parts that touch decide, by signed distances at the stored grasp:
 
 - power: the palm, or a link of a finger that is farther from its tip than the last two phalanges;
 - precision: the last phalanx of each finger, and nothing else;

@@ -191,7 +191,7 @@ def deepest(
 ) -> float:
     """Largest signed distance of the points of a finger (or `ALL`), moved by shift [3].
 
-    Nothing below `floor` is told; a value above `enough` may be any such value.
+    The answer is at least `floor`. A value above `enough` may be any such value.
     """
     best = floor
     # Of the lookup: 1 in the grid but for its error of 0.7 voxels at each end, sqrt(2) beyond it.

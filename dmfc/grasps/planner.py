@@ -44,7 +44,7 @@ class _Found:
 
     @property
     def place(self) -> np.ndarray:
-        """[9] of which the distance tells how far apart two palms are, metres."""
+        """[9] whose distance says how far apart two palms are, metres."""
         return _places(self.T_object_palm[None])[0]
 
 

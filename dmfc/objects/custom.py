@@ -47,7 +47,7 @@ def custom_sources(file: str, rest: str, selector: str) -> list[ObjectSource]:
     names = [item.name for item in listed]
     for item_name in names:
         if not item_name or as_name(item_name) != item_name or names.count(item_name) > 1:
-            raise DmfcError(f"{where}: '{item_name}' is no name of an object, or is given twice")
+            raise DmfcError(f"{where}: '{item_name}' is not a valid name, or is given twice")
     if wanted and wanted not in names:
         raise unknown_name(f"object of '{file}:{name}'", wanted, names)
     return [

@@ -1,4 +1,4 @@
-"""What can be told of a grasp before it is tried: numbers of the hand and the cloud around it.
+"""Features of a grasp before it is executed: numbers of the hand and the cloud around it.
 
 No model of the object is used, nor which object a point belongs to: an object is what hangs
 together with the grasp's seed point.

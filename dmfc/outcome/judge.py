@@ -87,7 +87,7 @@ class Judge:
         if version != features.VERSION:
             raise DmfcError(
                 f"{folder} judges by features of version {version}, not {features.VERSION}: "
-                "train it anew"
+                "train it again"
             )
         return cls(net, hand)
 

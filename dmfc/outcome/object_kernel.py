@@ -1,4 +1,4 @@
-"""The compiled loop that tells how an object lies in the palm's frame."""
+"""The compiled loop that describes how an object lies in the palm's frame."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 FAR = 0.3
-"""Metres beyond which an object's ends are not told apart."""
+"""Metres beyond which an object's ends are not distinguished."""
 AROUND, BESIDE = 0.06, 0.08
 """Metres from where the hand grips: the object's near points, and those of others."""
 COLUMNS = 20

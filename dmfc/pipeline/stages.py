@@ -93,7 +93,7 @@ def _take_grasps(ctx: StageContext) -> None:
     if found.object_id != name or mesh != ctx.config["digest"]:
         raise DmfcError(
             f"the grasps of '{name}' in {path} were planned for another mesh: "
-            "set grasps.source=plan to plan them anew"
+            "set grasps.source=plan to plan them again"
         )
     shutil.copyfile(path, ctx.out / GRASPS)
 

@@ -1,6 +1,6 @@
 """MLflow as a projection of the ledger: everything in it is made from files and can be made again.
 
-One parent run per sweep and one child per cell and seed, distinguished by tags. Projecting twice
+One parent run per sweep and one child per cell and seed, identified by tags. Projecting twice
 changes nothing; projecting while a sweep runs shows how it stands.
 """
 

@@ -25,7 +25,7 @@ Seeds = Literal["all", "labelled"]
 RANK_DIRECTIONS: Literal[64] = 64
 """Directions of Q1 that suffice to find the hardest."""
 STAND_IN = {"q1_lower": "q1_upper"}
-"""Terms too dear to be found for every prediction, and the term that ranks in their place."""
+"""Terms too expensive for every prediction, and the term that ranks in their place."""
 
 
 class Task:
@@ -54,7 +54,7 @@ class Task:
         custom = [name for name, weight in self.custom.items() if weight != 0]
         self.names = [*active_terms(self.weights), *custom]
         if not self.names:
-            raise DmfcError(f"{stage} has no loss: every one of losses.weights is 0")
+            raise DmfcError(f"{stage} has no loss: all of losses.weights are 0")
         self.of_scene = [name for name in self.names if name != "chamfer"]
         self.labelled = seeds == "labelled" or not self.of_scene
         self.space = config.grasp_space

@@ -240,7 +240,7 @@ def test_a_source_of_the_users_own(tmp_path, monkeypatch):
         ("mine.py:boxs", "unknown function of mine.py 'boxs'; did you mean 'boxes'"),
         ("mine.py", "not of the form file.py:function"),
         ("./mine.py", "not of the form file.py:function"),
-        ("mine.py:wrong", "'a b' is no name"),
+        ("mine.py:wrong", "'a b' is not a valid name"),
         ("mine.py:twice", "given twice"),
         ("mine.py:nothing", r"nothing\(\) must give a list of CustomObject"),
     ],

@@ -60,7 +60,7 @@ class ForeignGrasps(Grasps):
                 )
             return self
         if not self.has_scales:
-            raise DmfcError(f"{source}: this format says no size of the object (option --scale)")
+            raise DmfcError(f"{source}: this format has no size of the object (option --scale)")
         rows = np.flatnonzero(np.isclose(self.scales, wanted, rtol=1e-3))
         if not len(rows):
             raise DmfcError(f"{source}: no grasp for --scale {wanted:g}; there are {sizes}")

@@ -55,7 +55,7 @@ class PublishedSet:
         ):
             raise DmfcError(
                 f"{join(place, MANIFEST)} is no scene set of version {VERSION}: "
-                "`dmfc scenes make` or `import` writes it anew"
+                "`dmfc scenes make` or `import` writes it again"
             )
         missing = ENTRIES - set(manifest)
         if missing:
