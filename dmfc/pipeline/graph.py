@@ -25,11 +25,24 @@ from dmfc.files.digest import file_digest
 from dmfc.grasps.library import in_library, library_file, library_folder
 from dmfc.hand.description import custom_hand_digest
 from dmfc.network.model_files import WEIGHTS
+from dmfc.pipeline.graph_method import method_settings
 from dmfc.pipeline.graph_outcome import judge
 from dmfc.pipeline.kinds import KINDS
+from dmfc.prediction.models import model_folder
 
 HARD_SAMPLES = "hard_samples", "hard_error", "hard_scope", "rank_points"
 """Settings of `training` that choose hard samples."""
+OF_FINETUNING = (
+    "finetune",
+    "finetune_seeds",
+    "finetune_form",
+    "finetune_from",
+    "projection",
+    "diagnostic_scenes",
+)
+"""Settings of `training` that pre-training knows nothing of."""
+APPROACH = "pregrasp_distance", "waypoints", "approach_tolerance", "grasp_tolerance"
+"""Settings of `execution` that the swept collision depends on."""
 MOST_SHARDS = 5000
 """Most stages of one scene set."""
 Inputs = dict[str, Stage | tuple[Stage, ...]]
@@ -75,7 +88,7 @@ def _in_units(under: Config) -> ExecutionConfig:
 def _unused_in_pretraining(config: Config) -> tuple[str, ...]:
     """Settings of `training` that are of fine-tuning, or are left to it."""
     chosen = () if config.training.hard_stages == "both" else HARD_SAMPLES
-    return "finetune", "finetune_seeds", *chosen
+    return *OF_FINETUNING, *chosen
 
 
 def _of_every_scene(config: Config) -> ScenesConfig:
@@ -203,7 +216,7 @@ class GraphBuilder:
             q1_upper=0.0,
             confidence=config.losses.weights.confidence,
         )
-        unused = ("q1", "q1_lower", "units", "self_collision", "custom")
+        unused = ("q1", "q1_lower", "units", "self_collision", "custom", "swept", "saturated")
         losses = dataclasses.replace(without(config.losses, *unused), weights=weights)
         settings = {
             **self._learning(config),
@@ -214,25 +227,44 @@ class GraphBuilder:
         return self.stage("pretrain", name, settings, self._learning_inputs(config))
 
     def finetune(self, config: Config, name: str) -> Stage:
-        """Stage 2, from stage 1's weights."""
+        """Stage 2, from stage 1's weights or those of a trained model."""
         settings = {
             **self._learning(config),
             "losses": config.losses,
-            "training": without(config.training, "pretrain"),
+            "training": without(config.training, "pretrain", "finetune_from"),
         }
+        if config.losses.weights.swept != 0:
+            way = {name: getattr(config.execution, name) for name in APPROACH}
+            settings["execution"] = dataclasses.replace(ExecutionConfig(), **way)
+            settings["closing"] = without(config.closing, "squeeze")
         if config.losses.custom:
             settings["own_losses"] = {
                 text: custom_function(text, "losses.custom").digest for text in config.losses.custom
             }
-        inputs: Inputs = {**self._learning_inputs(config), "weights": self.pretrain(config)}
-        return self.stage("finetune", f"{name} seed {config.training.seed}", settings, inputs)
+        inputs, hints = self._learning_inputs(config), {}
+        start = config.training.finetune_from
+        if start:
+            folder = model_folder(start)
+            settings["start"] = file_digest(folder / WEIGHTS)
+            hints["start"] = str(folder)
+        else:
+            inputs["weights"] = self.pretrain(config)
+        return self.stage(
+            "finetune", f"{name} seed {config.training.seed}", settings, inputs, hints
+        )
 
     def cell(
-        self, config: Config, model: str, name: str, checkpoint: Path | None = None
+        self,
+        config: Config,
+        model: str,
+        name: str,
+        checkpoint: Path | None = None,
+        method: str | Path | None = None,
     ) -> CellStages:
         """The stages of a cell whose `model` is pretrained, finetuned, planner or random.
 
-        With a `checkpoint`, the folder of a trained model, that one is executed.
+        With a `checkpoint`, the folder of a trained model, that one is executed; with a `method`,
+        that one (see `method_settings`).
         Raises DmfcError where a model would be tested on an object that it was trained on.
         """
         trained: Stage | None = None
@@ -249,6 +281,9 @@ class GraphBuilder:
             "execution": _in_units(under),
             "physics": under.physics,
         }
+        if method is not None:
+            own, hints = method_settings(method)
+            settings |= own
         if checkpoint:
             settings["weights"] = file_digest(checkpoint / WEIGHTS)
             hints["weights"] = str(checkpoint)
