@@ -14,7 +14,7 @@ from dmfc.grasps.check import check, checking_world
 from dmfc.grasps.exchange.foreign import ForeignGrasps
 from dmfc.grasps.exchange.hand_map import HandMap
 from dmfc.grasps.grasp_set import GraspSet
-from dmfc.grasps.planner import palm_hits
+from dmfc.grasps.palm_hits import palm_hits
 from dmfc.hand.description import HandDescription
 from dmfc.hand.model import HandModel
 from dmfc.objects.model import ObjectModel
