@@ -58,7 +58,7 @@ def evaluate(
         ),
     ] = None,
     only: Annotated[
-        str, typer.Option("--only", help="scene:trial, one trial once more, with a picture.")
+        str, typer.Option("--only", help="scene:trial: run one trial again, with a picture.")
     ] = "",
     dense: Annotated[
         int | None,
@@ -73,7 +73,9 @@ def evaluate(
     ] = None,
     video: Annotated[
         Path | None,
-        typer.Option(help="GIF that --only writes: all of it.", callback=file_to_write(".gif")),
+        typer.Option(
+            help="GIF of the whole trial that --only writes.", callback=file_to_write(".gif")
+        ),
     ] = None,
     detailed: Annotated[
         bool, typer.Option("--detailed", help="More steps in the picture of --only.")
@@ -111,7 +113,9 @@ def compare(
     first: Annotated[
         str, typer.Argument(help="Trial rows: a .parquet file or its folder, with :CELL if needed.")
     ],
-    second: Annotated[str, typer.Argument(help="The same for what it is compared with.")],
+    second: Annotated[
+        str, typer.Argument(help="The trial rows to compare with, in the same form.")
+    ],
     as_json: AsJson = False,
 ) -> None:
     """Compare two evaluations of the same scenes in pairs."""

@@ -18,7 +18,8 @@ from dmfc.outcome.files import FEATURES_VERSION
 from dmfc.outcome.files import WEIGHTS as JUDGE
 
 if TYPE_CHECKING:
-    from dmfc.pipeline.graph import GraphBuilder, Inputs
+    from dmfc.pipeline.graph import GraphBuilder
+    from dmfc.pipeline.graph_data import Inputs
 
 SELECTION = (
     "protocol",

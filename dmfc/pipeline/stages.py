@@ -43,10 +43,10 @@ if TYPE_CHECKING:
 def make_hand(ctx: StageContext) -> None:
     """hand: `hand.npz`."""
     from dmfc.hand.build import build_hand
-    from dmfc.hand.description import own_hand_digest
+    from dmfc.hand.description import custom_hand_digest
 
     name = ctx.config["hand"].name
-    require_same(f"hand '{name}'", own_hand_digest(name), ctx.config.get("files", ""))
+    require_same(f"hand '{name}'", custom_hand_digest(name), ctx.config.get("files", ""))
     build_hand(ctx.config["hand"]).save(ctx.out / HAND)
 
 
@@ -96,7 +96,7 @@ def _take_grasps(ctx: StageContext) -> None:
     if found.object_id != name or mesh != ctx.config["digest"]:
         raise DmfcError(
             f"the grasps of '{name}' in {path} were planned for another mesh: "
-            "set grasps.source=plan to plan them anew"
+            "set grasps.source=plan to plan them again"
         )
     shutil.copyfile(path, ctx.out / GRASPS)
 
@@ -260,7 +260,7 @@ def _train(ctx: StageContext, stage: Literal["pretrain", "finetune"], weights: P
     from dmfc.training.settings import FitConfig
 
     training = ctx.config["training"]
-    check_own_losses(ctx.config.get("own_losses", {}))
+    check_custom_losses(ctx.config.get("own_losses", {}))
     hand, atlas = training_geometry(ctx.inputs, ctx.config.get("closing"))
     grasps = load_grasp_sets(present(ctx.input_list("grasps")))
     if not any(len(found) for found in grasps.values()):
@@ -291,13 +291,13 @@ def _train(ctx: StageContext, stage: Literal["pretrain", "finetune"], weights: P
     fit(stage, config, hand, data, atlas, ctx.out, ctx.work, weights, digest, probe, ctx.progress)
 
 
-def check_own_losses(digests: Mapping[str, str]) -> None:
+def check_custom_losses(digests: Mapping[str, str]) -> None:
     """Raises MachineError where the file of a user's loss is not that of the stage's key."""
-    from dmfc.config.custom_function import own_function
+    from dmfc.config.custom_function import custom_function
 
     for text, digest in digests.items():
-        found = own_function(text, "losses.own").digest
-        require_same(f"losses.own: the file of '{text}'", found, digest)
+        found = custom_function(text, "losses.custom").digest
+        require_same(f"losses.custom: the file of '{text}'", found, digest)
 
 
 def training_geometry(

@@ -21,7 +21,11 @@ def model_card(stage: Path, name: str, measured: str = "") -> str:
     refuse_interpolation(settings, str(stage / CONFIG))
     record = _json(stage / RECORD)
     summary = _json(stage / SUMMARY)
-    weights = {**settings.losses.weights, **settings.losses.get("own", {})}
+    # Stages of before the rename have `own`.
+    weights = {
+        **settings.losses.weights,
+        **settings.losses.get("custom", settings.losses.get("own", {})),
+    }
     rows = {
         "network": f"PointNet++, {settings.network.levels[0]} grasps per cloud, "
         f"{_or_unknown(summary.get('parameters'))} parameters",

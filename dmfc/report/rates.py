@@ -64,12 +64,12 @@ def rates(rows: pd.DataFrame, trials: int) -> Rates:
     """
     lacking = [name for name in COLUMNS if name not in rows.columns]
     if lacking:
-        raise DmfcError(f"the trial rows lack the columns {', '.join(lacking)}")
+        raise DmfcError(f"the trial rows have no columns {', '.join(lacking)}")
     if len(rows) > trials:
         raise DmfcError(f"{len(rows)} trial rows for {trials} trials (K x scenes)")
     identity = [name for name in ("seed", "scene", "trial") if name in rows.columns]
     if rows.duplicated(identity).any():
-        raise DmfcError("a trial is there twice in the rows")
+        raise DmfcError("a trial is in the rows twice")
     planned_mask = rows["planned"].astype(bool)
     planned = int(planned_mask.sum())
     held = int((rows["held"].astype(bool) & planned_mask).sum())

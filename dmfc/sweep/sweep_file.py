@@ -175,7 +175,7 @@ def _cells(values: Mapping[str, Any], where: str) -> list[Cell]:
     named = _named(values.get("cells"), where)
     if values.get("matrix") is not None:
         if isinstance(values.get("cells"), list):
-            raise DmfcError(f"{where}: beside a matrix, write the cells as NAME: {{...}}, no list")
+            raise DmfcError(f"{where}: with a matrix, cells are NAME: {{...}}, not a list")
         matrix = mapping(values["matrix"], f"{where}: matrix")
         only_keys(matrix, ("model", "axes", "exclude", "cells"), f"{where}: matrix")
         named += expand(matrix, f"{where}: matrix").items()

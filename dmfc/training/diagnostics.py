@@ -48,9 +48,9 @@ class Diagnostics:
         """Values by name, each of any number, of the network as it is now.
 
         own_terms_fell: of each prediction that had any at the start, whether the weighted sum of
-        its terms has fallen; own_cosine_easy, own_cosine_hard: of the easiest 80 % and of the others, the
-        cosine of its descent direction at the start and its motion since; TERM_at_labels: each
-        term at the label that was nearest at the start; gradient_norm_TERM and
+        its terms has fallen; own_cosine_easy, own_cosine_hard: of the easiest 80 % and of the
+        others, the cosine of its descent direction at the start and its motion since;
+        TERM_at_labels: each term at the label that was nearest at the start; gradient_norm_TERM and
         gradient_cosine_TERM_TERM: of the gradients in the weights of each term's mean.
         """
         with _evaluating(net):

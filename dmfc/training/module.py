@@ -127,7 +127,7 @@ class GraspTraining(LightningModule):
         return hardest(error, candidates.scene, self.config.hard_samples, self.config.hard_scope)
 
     def validation_step(self, batch: Batch, batch_index: int) -> None:
-        """Adds to the means of the epoch; `rank_overlap` is of the first batch alone: it is dear.
+        """Adds to the means of the epoch; `rank_overlap` is expensive: first batch alone.
 
         rank_overlap: the share of the predictions that the exact task loss would choose as the
         hardest which the cheap one chose too.
@@ -214,7 +214,7 @@ class GraspTraining(LightningModule):
         if checkpoint["data_digest"] != self.data_digest:
             raise DmfcError(
                 f"the checkpoint of {self.task.stage} was made with other data: remove "
-                f"{self.failure.file.parent} to begin anew"
+                f"{self.failure.file.parent} to start again"
             )
         self.metrics = checkpoint["metrics"]
 

@@ -27,7 +27,7 @@ Seeds = Literal["all", "labelled"]
 RANK_DIRECTIONS: Literal[64] = 64
 """Directions of Q1 that suffice to find the hardest."""
 STAND_IN = {"q1_lower": "q1_upper"}
-"""Terms too dear to be found for every prediction, and the term that ranks in their place."""
+"""Terms too expensive for every prediction, and the term that ranks in their place."""
 
 
 class Task:
@@ -53,12 +53,12 @@ class Task:
         self.weights = config.weights
         if stage == "pretrain":
             self.weights = LossWeights(1.0, 0.0, 0.0, 0.0, confidence=config.weights.confidence)
-            config = dataclasses.replace(config, own={})
-        self.own = {term_name(text): weight for text, weight in config.own.items()}
-        own = [name for name, weight in self.own.items() if weight != 0]
-        self.names = [*active_terms(self.weights), *own]
+            config = dataclasses.replace(config, custom={})
+        self.custom = {term_name(text): weight for text, weight in config.custom.items()}
+        custom = [name for name, weight in self.custom.items() if weight != 0]
+        self.names = [*active_terms(self.weights), *custom]
         if not self.names:
-            raise DmfcError(f"{stage} has no loss: every one of losses.weights is 0")
+            raise DmfcError(f"{stage} has no loss: all of losses.weights are 0")
         self.of_scene = [name for name in self.names if name != "chamfer"]
         self.labelled = seeds == "labelled" or not self.of_scene
         self.space, self.relative = config.grasp_space, config.relative
@@ -105,7 +105,7 @@ class Task:
 
     def total(self, terms: dict[str, Tensor]) -> Tensor:
         """task_i = w1 chamfer + w2 collision + w3 guidance + w4 q1_upper + ..., `[n]`."""
-        return weighted_sum(terms, self.weights, self.own)
+        return weighted_sum(terms, self.weights, self.custom)
 
     def _terms(
         self, rows: Candidates, batch: Batch, compute: SceneTerms, of_scene: Collection[str]

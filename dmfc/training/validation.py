@@ -66,7 +66,7 @@ class Validation:
             "chamfer": rows.chamfer[rows.positive],
         }
         sampled = rows.take(_spread(prediction.logit, self.config.sampled))
-        of_scene = [*(name for name in TERMS if name != "chamfer"), *self._terms.own.names]
+        of_scene = [*(name for name in TERMS if name != "chamfer"), *self._terms.custom.names]
         position, rotation, joints = sampled.position, sampled.rotation, sampled.joints
         objects = SceneObjects(self.atlas, batch.object_index, batch.T_world_object)
         found |= self._terms(position, rotation, joints, objects.take(sampled.scene), of_scene)
