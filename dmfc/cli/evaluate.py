@@ -26,7 +26,8 @@ def evaluate(
         str,
         typer.Argument(
             help="pretrained, finetuned, planner (ceiling), random (floor); the folder of a "
-            "trained model; or grasp sets: a .parquet file, or a folder of them."
+            "trained model; grasp sets: a .parquet file, or a folder of them; a method of yours: "
+            "file.py:function."
         ),
     ] = "finetuned",
     scenes: Annotated[
@@ -103,7 +104,7 @@ def evaluate(
         path = picture or Path("dense.png")
         answer({**picture_dense(session.ledger, stages, dense, path), "picture": str(path)})
     else:
-        _report(read_evaluation(session, stages, source, preset), out, as_json)
+        report(read_evaluation(session, stages, source, preset), out, as_json)
 
 
 def compare(
@@ -124,7 +125,8 @@ def compare(
     show_rows(f"a: {first}, b: {second}", rows, as_json=False)
 
 
-def _report(found: Evaluation, out: Path | None, as_json: bool) -> None:
+def report(found: Evaluation, out: Path | None, as_json: bool) -> None:
+    """Write an evaluation where it is wanted, and print it."""
     if out is not None:
         found.write(out)
     if as_json:
@@ -151,6 +153,8 @@ def _show(found: Evaluation) -> None:
     why = [{"reason": reason, "trials": count} for reason, count in row.reasons.items()]
     show_rows("why grasps did not hold", why, as_json=False)
     spread = [{"diversity": name, "mean": value} for name, value in summary["diversity"].items()]
+    if "method" in summary:
+        show_rows("the method, per scene", [summary["method"]], as_json=False)
     show_rows("how different the grasps of a scene are", spread, as_json=False)
     checks = [{"check": name, **values} for name, values in summary["checks"].items()]
     show_rows("physics of the planned trials (metres, N)", checks, as_json=False)

@@ -9,6 +9,7 @@ import typer
 
 from dmfc.cli import (
     assets,
+    benchmark,
     config,
     doctor,
     evaluate,
@@ -49,6 +50,7 @@ app.add_typer(scenes.scenes, name="scenes")
 app.command()(train.train)
 app.command()(evaluate.evaluate)
 app.command()(evaluate.compare)
+app.add_typer(benchmark.benchmark, name="benchmark")
 app.command()(predict.predict)
 app.command()(view.view)
 app.add_typer(predict.models_app, name="models")

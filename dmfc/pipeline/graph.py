@@ -23,8 +23,10 @@ from dmfc.engine.stage import Stage, without
 from dmfc.errors import DmfcError
 from dmfc.files.digest import file_digest
 from dmfc.grasps.library import in_library, library_file, library_folder
+from dmfc.hand.approach import Approach
 from dmfc.hand.description import own_hand_digest
 from dmfc.network.model_files import WEIGHTS
+from dmfc.pipeline.graph_method import method_settings
 from dmfc.pipeline.graph_outcome import judge
 from dmfc.pipeline.kinds import KINDS
 from dmfc.prediction.models import model_folder
@@ -40,8 +42,6 @@ OF_FINETUNING = (
     "diagnostic_scenes",
 )
 """Settings of `training` that pre-training knows nothing of."""
-APPROACH = "pregrasp_distance", "waypoints", "approach_tolerance", "grasp_tolerance"
-"""Settings of `execution` that the swept collision depends on."""
 MOST_SHARDS = 5000
 """Most stages of one scene set."""
 Inputs = dict[str, Stage | tuple[Stage, ...]]
@@ -233,8 +233,7 @@ class GraphBuilder:
             "training": without(config.training, "pretrain", "finetune_from"),
         }
         if config.losses.weights.swept != 0:
-            way = {name: getattr(config.execution, name) for name in APPROACH}
-            settings["execution"] = dataclasses.replace(ExecutionConfig(), **way)
+            settings["approach"] = Approach.of_execution(config.execution)
             settings["closing"] = without(config.closing, "squeeze")
         if config.losses.own:
             own = {text: own_function(text, "losses.own").digest for text in config.losses.own}
@@ -252,11 +251,17 @@ class GraphBuilder:
         )
 
     def cell(
-        self, config: Config, model: str, name: str, checkpoint: Path | None = None
+        self,
+        config: Config,
+        model: str,
+        name: str,
+        checkpoint: Path | None = None,
+        method: str | Path | None = None,
     ) -> CellStages:
         """The stages of a cell whose `model` is pretrained, finetuned, planner or random.
 
-        With a `checkpoint`, the folder of a trained model, that one is executed.
+        With a `checkpoint`, the folder of a trained model, that one is executed; with a `method`,
+        that one (see `method_settings`).
         Raises DmfcError where a model would be tested on an object that it was trained on.
         """
         trained: Stage | None = None
@@ -273,6 +278,9 @@ class GraphBuilder:
             "execution": _in_units(under),
             "physics": under.physics,
         }
+        if method is not None:
+            own, hints = method_settings(method)
+            settings |= own
         if checkpoint:
             settings["weights"] = file_digest(checkpoint / WEIGHTS)
             hints["weights"] = str(checkpoint)

@@ -5,6 +5,7 @@ Heavy imports are inside the functions, so that a worker loads only what its sta
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -33,7 +34,9 @@ if TYPE_CHECKING:
     from dmfc.config.closing import ClosingConfig
     from dmfc.execution.evaluate import Evaluation
     from dmfc.hand.model import HandModel
+    from dmfc.network.model import DmfcGraspNet
     from dmfc.objects.atlas import ObjectAtlas
+    from dmfc.outcome.head import HeadJudge
     from dmfc.outcome.judge import Judge
 
 
@@ -159,9 +162,8 @@ def evaluation_of(
 ) -> Evaluation:
     """What an evaluation stage executes, from its settings and the folders of its inputs."""
     from dmfc.execution.evaluate import Evaluation
-    from dmfc.files.digest import file_digest
     from dmfc.hand.description import load_description
-    from dmfc.network.checkpoint import load_network
+    from dmfc.pipeline.stages_method import method_of
 
     def one(name: str) -> Path:
         folder = inputs[name]
@@ -175,16 +177,11 @@ def evaluation_of(
 
     row = config["row"]
     hand = load_hand(one("hand"), config["closing"])
-    network = None
-    if row == "model":
-        folder = one("model") if "weights" not in config else Path(hints["weights"])
-        if "weights" in config:
-            path = folder / WEIGHTS
-            require_same(str(path), file_digest(path), config["weights"])
-        network = load_network(folder, hand)
+    network = load_model(config, inputs, hints, hand) if row == "model" else None
+    scenes = load_scenes([one("scenes")])
     return Evaluation(
         row=row,
-        scenes=load_scenes([one("scenes")]),
+        scenes=scenes,
         objects=Objects(several("objects")),
         grasps=load_grasp_sets(several("grasps")) if row == "planner" else None,
         labels=config.get("labels"),
@@ -196,7 +193,25 @@ def evaluation_of(
         judge=_judge(config, inputs, hints, hand)
         if config["execution"].score == "outcome"
         else None,
+        method=method_of(config, hints, scenes, hand),
     )
+
+
+def load_model(
+    config: Mapping[str, Any],
+    inputs: Mapping[str, Path | list[Path]],
+    hints: Mapping[str, str],
+    hand: HandModel,
+) -> DmfcGraspNet:
+    """The network that proposes: of the stage `model`, or of a folder known by its weights."""
+    from dmfc.network.checkpoint import load_network
+
+    folder = Path(hints["weights"]) if "weights" in config else inputs["model"]
+    assert isinstance(folder, Path)
+    if "weights" in config:
+        path = folder / WEIGHTS
+        require_same(str(path), file_digest(path), config["weights"])
+    return load_network(folder, hand)
 
 
 def _judge(
@@ -204,17 +219,17 @@ def _judge(
     inputs: Mapping[str, Path | list[Path]],
     hints: Mapping[str, str],
     hand: HandModel,
-) -> Judge:
+) -> Judge | HeadJudge:
     """The outcome predictor of an evaluation: a folder of the user's, or a stage."""
     from dmfc.outcome.files import WEIGHTS as JUDGE
-    from dmfc.outcome.judge import Judge
+    from dmfc.outcome.head import load_judge
 
     folder = Path(hints["judge"]) if "judge" in config else inputs["judge"]
     assert isinstance(folder, Path)
     if "judge" in config:
         path = folder / JUDGE
         require_same(str(path), file_digest(path), config["judge"])
-    judge = Judge.load(folder)
+    judge = load_judge(folder)
     if judge.hand != hand.name:
         raise DmfcError(
             f"{folder} judges the hand '{judge.hand}', not '{hand.name}' (outcome.judge)"
@@ -239,7 +254,6 @@ def present(folders: list[Path]) -> list[Path]:
 
 
 def _train(ctx: StageContext, stage: Literal["pretrain", "finetune"], weights: Path | None) -> None:
-    from dmfc.config.execution import ExecutionConfig
     from dmfc.config.validation import ValidationConfig
     from dmfc.training.data import SceneData
     from dmfc.training.fit import fit
@@ -269,9 +283,9 @@ def _train(ctx: StageContext, stage: Literal["pretrain", "finetune"], weights: P
         validation=load_scenes(ctx.input_list("validation_scenes")) if validated else None,
     )
     validation = ctx.config.get("validation", ValidationConfig())
-    execution = ctx.config.get("execution", ExecutionConfig())
-    settings = (ctx.config["network"], ctx.config["losses"], training, validation, execution)
-    config = FitConfig(*settings)
+    config = FitConfig(ctx.config["network"], ctx.config["losses"], training, validation)
+    if "approach" in ctx.config:
+        config = dataclasses.replace(config, approach=ctx.config["approach"])
     digest = data_digest(ctx.inputs)
     probe = data.probe(training.diagnostic_scenes) if training.diagnostic_scenes else None
     fit(stage, config, hand, data, atlas, ctx.out, ctx.work, weights, digest, probe, ctx.progress)

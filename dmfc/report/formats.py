@@ -22,6 +22,7 @@ def to_markdown(table: SweepTable) -> str:
     head = ["model", "trials"]
     for name in table.show:
         head += [f"{name} ± s.e. [95 %]", "paper"]
+    head += method_head(table)
     lines = [
         f"## {_markdown(table.title)}",
         "",
@@ -33,6 +34,7 @@ def to_markdown(table: SweepTable) -> str:
         cells = [_markdown(row.label), str(row.trials)]
         for name in table.show:
             cells += [rate_text(row.rate(name)), paper_text(row, name)]
+        cells += method_cells(table, row)
         lines.append(_markdown_row(cells))
     lines += ["", left_out_line(table.left_out)]
     for row in table.rows:
@@ -55,7 +57,7 @@ def to_csv(table: SweepTable) -> str:
         head += [f"{name}{suffix}" for suffix in ("", "_n", "_se", "_low", "_high")]
         head += [f"paper_{name}", f"paper_{name}_se"]
     writer = csv.writer(out, lineterminator="\n")
-    writer.writerow([*head, "failure", "left_out"])
+    writer.writerow([*head, "failure", "left_out", *method_head(table)])
     left_out = "; ".join(f"{name}: {reason}" for name, reason in table.left_out.items())
     for row in table.rows:
         line: list[Any] = [row.name, row.label, row.seeds, row.trials]
@@ -64,7 +66,7 @@ def to_csv(table: SweepTable) -> str:
             low, high = rate.interval or (None, None)
             line += [_number(rate.value), rate.trials, _number(rate.standard_error)]
             line += [_number(low), _number(high), *row.paper.get(name, ("", ""))]
-        writer.writerow([*line, row.failure, left_out])
+        writer.writerow([*line, row.failure, left_out, *method_cells(table, row)])
     return out.getvalue()
 
 
@@ -107,12 +109,30 @@ def to_rich(table: SweepTable) -> Table:
     for name in table.show:
         shown.add_column(f"{name} ± s.e.\n[95 %]")
         shown.add_column("paper")
+    for name in method_head(table):
+        shown.add_column(name, justify="right")
     for row in table.rows:
         cells = [row.label, str(row.trials)]
         for name in table.show:
             cells += [rate_text(row.rate(name)).replace(" [", "\n["), paper_text(row, name)]
+        cells += method_cells(table, row)
         shown.add_row(*map(Text, cells))
     return shown
+
+
+def method_head(table: SweepTable) -> list[str]:
+    """Columns that a table has where somebody else's method is in it."""
+    there = any(row.method for row in table.rows)
+    return ["s per scene", "failed scenes", "used"] if there else []
+
+
+def method_cells(table: SweepTable, row: TableRow) -> list[str]:
+    """The cells of a row under `method_head`; empty for rows of our own."""
+    method = row.method
+    if method is None:
+        return [""] * len(method_head(table))
+    seconds = "" if method.seconds is None else f"{method.seconds:.3g}"
+    return [seconds, str(method.failed_scenes), method.used]
 
 
 def rate_text(rate: Rate) -> str:
@@ -144,6 +164,7 @@ def _json_row(row: TableRow) -> dict[str, Any]:
             for obj, found in row.objects.items()
         },
         "reasons": dict(row.reasons),
+        **({"method": dataclasses.asdict(row.method)} if row.method else {}),
     }
 
 

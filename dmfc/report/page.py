@@ -22,7 +22,7 @@ from dmfc.report.curves import draw_curves
 from dmfc.report.diagnosed import diagnosed
 from dmfc.report.failures import draw_failures
 from dmfc.report.figure import draw_rates
-from dmfc.report.formats import paper_text, rate_text
+from dmfc.report.formats import method_cells, method_head, paper_text, rate_text
 from dmfc.report.left_out import left_out_line
 from dmfc.report.outputs import note_outputs
 from dmfc.report.paired import compare
@@ -61,6 +61,7 @@ def write_page(
         served=_server(tracked) == UI,
         left_out=left_out_line(table.left_out),
         has_paper=any(row.paper for row in table.rows),
+        method_head=method_head(table),
         figures=figures,
         trials=_searched(table, list(dict.fromkeys(cell.seed for cell in cells)), tracked),
         objects=_objects(table),
@@ -123,6 +124,7 @@ def _row(
         "failure": row.failure,
         "rates": [_rate(row, name) for name in table.show],
         "paired": _paired(row, base, cells),
+        "method": method_cells(table, row),
         "runs": _runs(row.name, seeds, tracked),
     }
 

@@ -28,6 +28,19 @@ class CellRows:
 
 
 @dataclass(frozen=True)
+class MethodCost:
+    """Of somebody else's method: what it costs, and where it does not answer."""
+
+    seconds: float | None
+    """Median wall time per scene; None: not known."""
+    failed_scenes: int
+    failures: Mapping[str, int]
+    """Reason -> scenes."""
+    used: str
+    """What it asked for besides the cloud."""
+
+
+@dataclass(frozen=True)
 class TableRow:
     """One row: a cell over all its seeds."""
 
@@ -40,6 +53,8 @@ class TableRow:
     failure: str
     objects: Mapping[str, Rates]
     reasons: Mapping[str, int]
+    method: MethodCost | None = None
+    """None for rows of our own."""
 
     def rate(self, name: str) -> Rate:
         """'valid', 'success' or 'overall'."""
@@ -96,4 +111,25 @@ def _row(group: Sequence[CellRows]) -> TableRow:
         failure="; ".join(failures),
         objects=per_object(rows),
         reasons=reasons(rows, trials),
+        method=method_cost(rows),
+    )
+
+
+def method_cost(rows: pd.DataFrame) -> MethodCost | None:
+    """From the columns `method_*` of trial rows, which repeat for each trial of a scene."""
+    if "method_failure" not in rows:
+        return None
+    scenes = rows[rows["method_failure"].notna()].drop_duplicates(
+        [name for name in ("seed", "scene") if name in rows]
+    )
+    if scenes.empty:
+        return None
+    seconds = scenes["method_seconds"].median()
+    failures = scenes.loc[scenes["method_failure"] != "", "method_failure"]
+    used = {word for text in scenes["method_used"] for word in str(text).split()}
+    return MethodCost(
+        seconds=None if pd.isna(seconds) else float(seconds),
+        failed_scenes=len(failures),
+        failures={str(name): int(count) for name, count in failures.value_counts().items()},
+        used=" ".join(sorted(used)),
     )
