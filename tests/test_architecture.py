@@ -35,6 +35,7 @@ LAYERS = [
     {"training"},
     {"outcome"},
     {"prediction"},
+    {"methods"},
     {"execution"},
     {"visualization"},
     {"view"},

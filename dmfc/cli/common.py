@@ -14,9 +14,6 @@ from dmfc.cli.outputs import folder_to_read
 from dmfc.errors import DmfcError
 from dmfc.experiment.console import stderr
 
-INTERRUPTED = 130
-"""Exit status after Ctrl-C, as shells have it."""
-
 Preset = Annotated[
     list[str],
     typer.Option(

@@ -31,15 +31,18 @@ def show_plans(plans: Sequence[SweepPlan], ledger: Ledger, as_json: bool) -> Non
         done = {stage.address: ledger.finished(stage.address) for stage in stages}
         cells = []
         for item in plan.cells:
-            own = [*([item.stages.model] if item.stages.model else []), *item.stages.evaluations]
+            stages_of_cell = [
+                *([item.stages.model] if item.stages.model else []),
+                *item.stages.evaluations,
+            ]
             cells.append(
                 {
                     "cell": item.cell.name,
                     "seed": item.seed,
                     "model": item.stages.model.address if item.stages.model else item.cell.model,
                     "trials": item.trials,
-                    "own_stages": len(own),
-                    "done": sum(done[stage.address] for stage in own),
+                    "own_stages": len(stages_of_cell),
+                    "done": sum(done[stage.address] for stage in stages_of_cell),
                 }
             )
         counts, finished = Counter(s.kind for s in stages), Counter[str]()

@@ -30,7 +30,8 @@ def evaluate(
         str,
         typer.Argument(
             help="pretrained, finetuned, planner (ceiling), random (floor); the folder of a "
-            "trained model; or grasp sets: a .parquet file, or a folder of them."
+            "trained model; grasp sets: a .parquet file, or a folder of them; a method of yours: "
+            "file.py:function."
         ),
     ] = "finetuned",
     scenes: Annotated[
@@ -61,7 +62,7 @@ def evaluate(
         ),
     ] = None,
     only: Annotated[
-        str, typer.Option("--only", help="scene:trial, one trial once more, with a picture.")
+        str, typer.Option("--only", help="scene:trial: run one trial again, with a picture.")
     ] = "",
     dense: Annotated[
         int | None,
@@ -76,7 +77,9 @@ def evaluate(
     ] = None,
     video: Annotated[
         Path | None,
-        typer.Option(help="GIF that --only writes: all of it.", callback=file_to_write(".gif")),
+        typer.Option(
+            help="GIF of the whole trial that --only writes.", callback=file_to_write(".gif")
+        ),
     ] = None,
     detailed: Annotated[
         bool, typer.Option("--detailed", help="More steps in the picture of --only.")
@@ -107,7 +110,7 @@ def evaluate(
         path = picture or Path("dense.png")
         answer({**picture_dense(session.ledger, stages, dense, path), "picture": str(path)})
     else:
-        _report(read_evaluation(session, stages, source, preset), out, as_json)
+        report(read_evaluation(session, stages, source, preset), out, as_json)
 
 
 def compare(
@@ -147,7 +150,8 @@ def compare(
     show_rows(f"a: each cell of {first}, b: {second}", shown, as_json=False)
 
 
-def _report(found: Evaluation, out: Path | None, as_json: bool) -> None:
+def report(found: Evaluation, out: Path | None, as_json: bool) -> None:
+    """Write an evaluation where it is wanted, and print it."""
     if out is not None:
         found.write(out)
     if as_json:
@@ -174,6 +178,8 @@ def _show(found: Evaluation) -> None:
     why = [{"reason": reason, "trials": count} for reason, count in row.reasons.items()]
     show_rows("why grasps did not hold", why, as_json=False)
     spread = [{"diversity": name, "mean": value} for name, value in summary["diversity"].items()]
+    if "method" in summary:
+        show_rows("the method, per scene", [summary["method"]], as_json=False)
     show_rows("how different the grasps of a scene are", spread, as_json=False)
     checks = [{"check": name, **values} for name, values in summary["checks"].items()]
     show_rows("physics of the planned trials (metres, N)", checks, as_json=False)

@@ -9,6 +9,7 @@ import typer
 
 from dmfc.cli import (
     assets,
+    benchmark,
     config,
     doctor,
     evaluate,
@@ -50,6 +51,7 @@ app.add_typer(scenes.scenes, name="scenes")
 app.command()(train.train)
 app.command()(evaluate.evaluate)
 app.command()(evaluate.compare)
+app.add_typer(benchmark.benchmark, name="benchmark")
 app.command()(predict.predict)
 app.command()(view.view)
 app.add_typer(predict.models_app, name="models")
@@ -73,7 +75,7 @@ def _version(wanted: bool) -> None:
 @app.callback()
 def options(
     debug: Annotated[
-        bool, typer.Option("--debug", help="Show tracebacks; may stand anywhere on the line.")
+        bool, typer.Option("--debug", help="Show tracebacks; allowed anywhere on the line.")
     ] = False,
     version: Annotated[
         bool,

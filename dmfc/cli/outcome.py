@@ -20,7 +20,7 @@ Model = Annotated[
     typer.Argument(help="Model whose predictions are executed: a shipped one's name or a folder."),
 ]
 outcome_app = typer.Typer(
-    help="Predictors of what becomes of a grasp, trained on executed predictions.",
+    help="Predictors of the outcome of a grasp, trained on executed predictions.",
     no_args_is_help=True,
 )
 

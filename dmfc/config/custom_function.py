@@ -1,4 +1,4 @@
-"""`file.py:function`: a function in a file of the user's own, as settings and selectors name it."""
+"""`file.py:function`: a custom function in a file, as settings and selectors name it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from dmfc.files.digest import bytes_digest
 
 
 @dataclass(frozen=True)
-class OwnFunction:
+class CustomFunction:
     """A function that is there, found without running anything of its file."""
 
     file: Path
@@ -25,7 +25,7 @@ class OwnFunction:
 
     def load(self) -> Callable[..., Any]:
         """The function itself; its file is run, once per process and content."""
-        module_name = f"dmfc_own_{self.file.stem}_{self.digest}"
+        module_name = f"dmfc_custom_{self.file.stem}_{self.digest}"
         if module_name not in sys.modules:
             spec = importlib.util.spec_from_file_location(module_name, self.file)
             assert spec is not None
@@ -44,7 +44,7 @@ class OwnFunction:
         return function
 
 
-def own_function(text: str, where: str) -> OwnFunction:
+def custom_function(text: str, where: str) -> CustomFunction:
     """The function that `text` names. `where`, a setting, stands at the beginning of errors.
 
     Raises DmfcError where there is no such file or it does not define such a function.
@@ -63,4 +63,4 @@ def own_function(text: str, where: str) -> OwnFunction:
     defined = [node.name for node in tree.body if isinstance(node, ast.FunctionDef)]
     if name not in defined:
         raise DmfcError(f"{where}: {unknown_name(f'function of {file_name}', name, defined)}")
-    return OwnFunction(file, name, bytes_digest(content))
+    return CustomFunction(file, name, bytes_digest(content))

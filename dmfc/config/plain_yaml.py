@@ -60,7 +60,7 @@ def _check_count(count: int) -> None:
 def _size(node: yaml.Node, known: dict[int, int]) -> int:
     """Number of values in `node`. Raises DmfcError where it contains itself."""
     if known.get(id(node)) == 0:
-        raise DmfcError("an alias stands inside what it repeats")
+        raise DmfcError("an alias is inside the value that it repeats")
     if id(node) not in known:
         known[id(node)] = 0  # until it is known
         children: list[yaml.Node] = []

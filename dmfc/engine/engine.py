@@ -221,8 +221,8 @@ class _Drive:
     def _stop_overdue(self) -> None:
         """End the stages that have taken longer than their limit."""
         for job in [job for job in self.running.values() if job.seconds]:
-            told = read_attempt(self.ledger.work(job.address))
-            if told.get("attempt") == job.attempt and time.time() - told["started"] > job.seconds:
+            begun = read_attempt(self.ledger.work(job.address))
+            if begun.get("attempt") == job.attempt and time.time() - begun["started"] > job.seconds:
                 self.pool.cancel(job)
                 reason = f"took longer than {job.seconds:g} s (run.{job.kind}.seconds)"
                 self._settle(job, self._failed(job, reason))

@@ -12,6 +12,7 @@ from dmfc.config.execution import ExecutionConfig
 from dmfc.grasps.grasp_set import GraspSet
 from dmfc.grasps.grasps import Grasps
 from dmfc.hand.model import HandModel
+from dmfc.methods.answer import Answer
 from dmfc.network.inference import PredictedGrasps
 from dmfc.scenes.scene_grasps import grasps_in_scene
 from dmfc.scenes.scene_set import Scene
@@ -22,7 +23,7 @@ class GraspCandidates(Grasps):
     """n grasps of a scene, world frame."""
 
     confidence: np.ndarray
-    """[n] in [0, 1]."""
+    """[n] in [0, 1]; of a method of somebody else: its score, of any scale."""
     object_index: np.ndarray
     """[n] the object of the scene that is to be grasped."""
     seed_point: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
@@ -73,6 +74,18 @@ def from_prediction(scene: Scene, predicted: PredictedGrasps) -> GraspCandidates
         predicted.confidence,
         scene.point_object[predicted.seed_index].astype(np.int64),
         predicted.seed_index.astype(np.int64),
+    )
+
+
+def from_answer(scene: Scene, answer: Answer) -> GraspCandidates:
+    """A method's row; the target is the object that the answer's point lies on."""
+    return GraspCandidates(
+        answer.position,
+        answer.rotation,
+        answer.joints,
+        answer.score,
+        scene.point_object[answer.point].astype(np.int64),
+        answer.point,
     )
 
 

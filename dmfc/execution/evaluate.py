@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,6 +20,7 @@ from dmfc.errors import DmfcError
 from dmfc.execution.candidates import (
     GraspCandidates,
     at_random,
+    from_answer,
     from_labels,
     from_prediction,
 )
@@ -31,17 +33,21 @@ from dmfc.execution.trial_files import DIVERSITY, TRIALS
 from dmfc.grasps.grasp_set import GraspSet
 from dmfc.hand.description import HandDescription
 from dmfc.hand.model import HandModel
+from dmfc.methods.ask import Answered
 from dmfc.network.inference import predict
 from dmfc.network.model import DmfcGraspNet
 from dmfc.objects.model import ObjectModel
 from dmfc.outcome.features import FeatureMaker, SeededGrasps
+from dmfc.outcome.head import HeadJudge
 from dmfc.outcome.judge import Judge
 from dmfc.physics.world import World
 from dmfc.prediction.cloud_check import CloudCheck
 from dmfc.scenes.labels import HandAtGrasps, surviving_labels
 from dmfc.scenes.scene_set import Scene, SceneSet
 
-Row = Literal["model", "planner", "random"]
+Row = Literal["model", "planner", "random", "method", "answers"]
+Method = Callable[[Scene], Answered]
+"""Somebody else's method: a scene -> what it answered, or why it did not."""
 Progress = Callable[[float, str], None]
 TABLE_SIZE = 2.0
 """Side of the table that pictures show, metres; for contacts it has no end."""
@@ -52,7 +58,7 @@ class Evaluation:
     """All that the trials of a set of scenes depend on."""
 
     row: Row
-    """Where grasps come from: a trained `network`, the labels of `grasps`, or chance."""
+    """Where grasps come from: a `network`, the labels of `grasps`, chance, or a `method`."""
     scenes: SceneSet
     objects: Mapping[str, ObjectModel]
     grasps: Mapping[str, GraspSet] | None
@@ -65,19 +71,33 @@ class Evaluation:
     config: ExecutionConfig
     labels: ScenesConfig | None = None
     """How the planner's row labels the scenes; None: they have their labels."""
-    judge: Judge | None = None
+    judge: Judge | HeadJudge | None = None
     """Ranks the proposals; None: their confidence does."""
+    method: Method | None = None
+    """For the rows 'method' and 'answers' alone."""
 
     def __post_init__(self) -> None:
         if (self.row == "model") != (self.network is not None) or (self.row == "planner") != (
             self.grasps is not None
         ):
             raise DmfcError(f"row '{self.row}': a model needs a network, the planner needs grasps")
+        if (self.row in ("method", "answers")) != (self.method is not None):
+            raise DmfcError(f"row '{self.row}': a method is needed for its rows, and for no other")
         if (self.config.score == "outcome") != (self.judge is not None):
             raise DmfcError("an outcome predictor is needed where it ranks (execution.score)")
 
     def proposals(self, scene: Scene) -> GraspCandidates:
         """All grasps that are proposed in a scene, before K of them are selected."""
+        return self.proposed(scene)[0]
+
+    def proposed(self, scene: Scene) -> tuple[GraspCandidates, dict[str, Any]]:
+        """As `proposals`, and columns that a method adds to each trial of the scene."""
+        if self.method is None:
+            return self._own_proposals(scene), {}
+        answered = self.method(scene)
+        return from_answer(scene, answered.answer), answered.columns
+
+    def _own_proposals(self, scene: Scene) -> GraspCandidates:
         if self.network is not None:
             return from_prediction(scene, predict(self.network, scene.points))
         if self.grasps is not None:
@@ -86,7 +106,10 @@ class Evaluation:
 
     def selection(self, scene: Scene, proposed: GraspCandidates) -> Selection:
         """The at most K of all proposed that are executed, and what was left out."""
-        return select(self.scored(scene, proposed), self.config, self._levels(scene))
+        config = self.config
+        if self.method is not None:  # its score has a scale of its own
+            config = dataclasses.replace(config, min_confidence=-math.inf)
+        return select(self.scored(scene, proposed), config, self._levels(scene))
 
     def chosen(self, scene: Scene, proposed: GraspCandidates) -> GraspCandidates:
         """The at most K of all proposed that are executed."""
@@ -183,19 +206,23 @@ def evaluate_shard(
 ) -> None:
     """Execute K grasps in every scene; writes two Parquet files into the folder `out`.
 
-    `trials.parquet`: a row per trial. `diversity.parquet`: a row per scene, with the number of
-    grasps proposed and how different those and the executed ones are (see `diversity`).
+    `trials.parquet`: a row per trial; a method's has its time and failure, too.
+    `diversity.parquet`: a row per scene, with the number of grasps proposed and how different those
+    and the executed ones are (see `diversity`). Raises DmfcError, with the first reason, where a
+    method fails in every scene.
     """
     rows: list[dict[str, Any]] = []
     spreads: list[dict[str, Any]] = []
     for done, scene in enumerate(evaluation.scenes, start=1):
-        proposed = evaluation.proposals(scene)
+        proposed, columns = evaluation.proposed(scene)
         selection = evaluation.selection(scene, proposed)
-        rows += evaluation.trials(scene, selection.chosen)
+        rows += (row | columns for row in evaluation.trials(scene, selection.chosen))
         spreads.append(_spread(scene, proposed, selection))
         planned, held = (sum(row[name] for row in rows) for name in ("planned", "held"))
         told = f"planned {planned / len(rows):.2f}, held {held / len(rows):.2f} of {len(rows)}"
         progress(done / len(evaluation.scenes), told)
+    if rows and all(row.get("method_failure") for row in rows):
+        raise DmfcError(f"the method fails in every scene: {rows[0]['method_failure']}")
     pd.DataFrame(rows).to_parquet(out / TRIALS, index=False)
     pd.DataFrame(spreads).to_parquet(out / DIVERSITY, index=False)
 

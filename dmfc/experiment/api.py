@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from dmfc.config.presets import Presets
     from dmfc.config.schema import Config
+    from dmfc.methods.observation import Observation
     from dmfc.report.paired import Comparison
     from dmfc.report.table import SweepTable
 
@@ -99,30 +100,42 @@ class Experiment:
 
     def evaluate(
         self,
-        source: str | Path | TrainedModel = "finetuned",
+        source: str | Path | TrainedModel | Callable[[Observation], Any] = "finetuned",
         scenes: str = "",
         protocol: str = "",
     ) -> Evaluation:
         """Execute grasps of a source on test scenes in MuJoCo.
 
         `source`: pretrained, finetuned, planner (ceiling), random (floor), a trained model or its
-        folder, or grasp sets. `scenes`: such as 'multi:100'; empty: those of the settings.
+        folder, grasp sets, 'file.py:function', or a method: a function of an Observation, called
+        in this process, that gives grasps (`dmfc.methods.answer.checked`). `scenes`: such as
+        'multi:100'; empty: those of the settings.
         """
-        name = str(source.folder if isinstance(source, TrainedModel) else source)
         settings = [*self._overrides, *scene_settings(scenes, protocol)]
+        if callable(source):
+            return self._method(source, settings)
+        name = str(source.folder if isinstance(source, TrainedModel) else source)
         with _interruptible():
             session, stages = evaluated(name, self.preset, settings, self.store)
         return read_evaluation(session, stages, name, self.preset)
 
+    def _method(self, predict: Callable[[Observation], Any], settings: list[str]) -> Evaluation:
+        from dmfc.experiment.benchmark import score_function
+
+        name = getattr(predict, "__name__", type(predict).__name__)
+        with _interruptible():
+            session, stages = score_function(predict, self.preset, settings, self.store, name)
+        return read_evaluation(session, stages, name, self.preset)
+
     def sweep(self, file: str | Path) -> SweepResult:
         """Run every cell of a sweep file, or of a shipped sweep such as 'table1'."""
-        from dmfc.experiment.drive import disk_errors_told, drive
+        from dmfc.experiment.drive import drive, explained_disk_errors
         from dmfc.sweep.planner import plan_sweep
         from dmfc.sweep.sweep_file import load_sweep
 
         ledger, builder = self._session.ledger, self._session.builder
         plan = plan_sweep(load_sweep(str(file)), builder, self.preset, self._overrides, ledger)
-        with _interruptible(), disk_errors_told(ledger):
+        with _interruptible(), explained_disk_errors(ledger):
             driven = drive([plan], ledger, as_json=True)
         name = Path(driven.results[0]["folder"]).name
         return self.tables([name])[0]

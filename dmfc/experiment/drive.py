@@ -82,19 +82,19 @@ def drive(plans: Sequence[SweepPlan], ledger: Ledger, as_json: bool) -> Driven:
     finally:
         live.finish(patience)
     results = [_result(*item, ledger, ran > 0) for item in zip(plans, tables, strict=True)]
-    told = all("error" not in result["mlflow"] for result in results)
-    return Driven(ran, told and not any(_incomplete(table) for table in tables), results)
+    tracked = all("error" not in result["mlflow"] for result in results)
+    return Driven(ran, tracked and not any(_incomplete(table) for table in tables), results)
 
 
 @contextmanager
-def disk_errors_told(ledger: Ledger) -> Iterator[None]:
+def explained_disk_errors(ledger: Ledger) -> Iterator[None]:
     """Turns an error of the driver's own files into a line; those of stages are outcomes."""
     try:
         yield
     except OSError as error:
         raise DmfcError(
-            f"the store '{ledger.store}' cannot be used: {error.strerror or error}; what is "
-            "finished is kept: once that is mended, run the same line again"
+            f"the store '{ledger.store}' cannot be used: {error.strerror or error}; finished "
+            "stages are kept: once the store can be written, run the same line again"
         ) from error
 
 
@@ -192,11 +192,11 @@ def page_writer(ledger: Ledger, description: SweepRecord, table: SweepTable) -> 
     return lambda: write_page(ledger, description, table, figures)
 
 
-def show_status(told: Mapping[str, Any]) -> None:
+def show_status(status: Mapping[str, Any]) -> None:
     """Print how one sweep stands."""
-    at = f" by {', '.join(told['drivers'])}" if told["drivers"] else ""
-    typer.echo(f"{told['sweep']}: {told['status']}{at}")
-    stages = [{"kind": k, "done": d, "stages": n} for k, (d, n) in told["stages"].items()]
+    at = f" by {', '.join(status['drivers'])}" if status["drivers"] else ""
+    typer.echo(f"{status['sweep']}: {status['status']}{at}")
+    stages = [{"kind": k, "done": d, "stages": n} for k, (d, n) in status["stages"].items()]
     show_rows("stages", stages, as_json=False)
     now = [
         {
@@ -205,11 +205,11 @@ def show_status(told: Mapping[str, Any]) -> None:
             "seconds": round(item["seconds"]),
             "progress": f"{item['fraction']:.0%} {item['message']}".strip(),
         }
-        for item in told["running"]
+        for item in status["running"]
     ]
     if now:
         show_rows("running", now, as_json=False)
-    failed = [{"stage": name, "reason": reason} for name, reason in told["failures"].items()]
+    failed = [{"stage": name, "reason": reason} for name, reason in status["failures"].items()]
     if failed:
         show_rows("failed", failed, as_json=False)
 
@@ -218,13 +218,13 @@ def _incomplete(table: SweepTable) -> bool:
     return any(row.failure for row in table.rows)
 
 
-def _result(plan: SweepPlan, table: SweepTable, ledger: Ledger, anew: bool) -> dict[str, Any]:
+def _result(plan: SweepPlan, table: SweepTable, ledger: Ledger, changed: bool) -> dict[str, Any]:
     """Page and tracking of one sweep, and its answer for a machine."""
     from dmfc.report.formats import to_json
     from dmfc.report.outputs import intact
     from dmfc.report.page import PAGE
 
-    if anew or not intact(plan.folder(ledger), PAGE):
+    if changed or not intact(plan.folder(ledger), PAGE):
         write = page_writer(ledger, plan.record(), table)
         write()  # for MLflow to show
         tracked = _track(plan, ledger)
@@ -250,7 +250,7 @@ def _track(plan: SweepPlan, ledger: Ledger) -> dict[str, str]:
 
     try:
         tracked = project_sweep(ledger, plan.id, plan.config.run.tracking_uri)
-    except DmfcError as error:  # the table stands, and other sweeps have theirs to tell
+    except DmfcError as error:  # the table stands, and other sweeps have their own result
         stderr().print(f"{plan.id}: {error}", markup=False, soft_wrap=True)
         return {"error": str(error)}
     return {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -92,27 +92,33 @@ def evaluated(
     Raises DmfcError before anything is made where the scene and the trial in it that are `wanted`
     are not among them.
     """
-    checkpoint, files, objects = _source(source)
-    settings = [f"objects.test={json.dumps(objects, ensure_ascii=False)}"] if files else []
-    session = Session.open(preset, [*overrides, *settings], store, grasp_files=files)
+    found = _source(source)
+    tested = f"objects.test={json.dumps(found.objects, ensure_ascii=False)}"
+    settings = [*overrides, tested] if found.files else overrides
+    session = Session.open(preset, settings, store, grasp_files=found.files)
     if wanted is not None:
         _require_trial(session.config, *wanted)
-    model = "planner" if files else source
-    stages = session.builder.cell(session.config, model, source, checkpoint).evaluations
+    model = "planner" if found.files else source
+    cell = session.builder.cell(
+        session.config, model, source, found.checkpoint, found.method or None
+    )
+    stages = cell.evaluations
     require(session.make(stages), stages)
     warn(_implausible(session))
     return session, stages
 
 
 def _implausible(session: Session) -> list[str]:
-    """Warnings of masses that the user's own test objects cannot have."""
+    """Warnings of masses that the user's test objects cannot have."""
     from dmfc.objects.mass import implausible_mass
     from dmfc.pipeline.artifacts import load_object
 
     objects = session.builder.objects(session.config, "test")
-    own = [stage for stage in objects if stage.name.startswith(("folder/", "own/"))]
+    users = [stage for stage in objects if stage.name.startswith(("folder/", "own/"))]
     ledger = session.ledger
-    made = [s.address for s in own if ledger.finished(s.address) and not ledger.failure(s.address)]
+    made = [
+        s.address for s in users if ledger.finished(s.address) and not ledger.failure(s.address)
+    ]
     return [implausible_mass(load_object(ledger.verified(address))) for address in made]
 
 
@@ -195,27 +201,49 @@ def cells_of(rows: pd.DataFrame, base: pd.DataFrame) -> dict[str, pd.DataFrame]:
     return others if len(parts) > 1 else parts
 
 
-def _source(source: str) -> tuple[Path | None, dict[str, Path], list[str]]:
-    """A trained model's folder, or grasp sets: their files by object, and the objects' selectors;
-    neither for a known name."""
-    from dmfc.grasps.grasp_set import GraspSet
-    from dmfc.pipeline.artifacts import WEIGHTS
-    from dmfc.sweep.sweep_file import MODELS
+@dataclass(frozen=True)
+class _Source:
+    """Where the grasps of an evaluation come from; all empty for a known name."""
 
-    path = Path(source)
+    checkpoint: Path | None = None
+    """A trained model's folder."""
+    files: dict[str, Path] = field(default_factory=dict)
+    """Grasp sets by the id of their object."""
+    objects: list[str] = field(default_factory=list)
+    """Selectors of these objects."""
+    method: str = ""
+    """'file.py:function'."""
+
+
+def _source(source: str) -> _Source:
+    from dmfc.config.custom_function import custom_function
+    from dmfc.pipeline.artifacts import WEIGHTS
+    from dmfc.sweep.models import MODELS, method_text, shipped_methods
+
+    path, method = Path(source), method_text(source)
     if source in MODELS:
-        return None, {}, []
+        return _Source()
+    if method:
+        custom_function(method, "evaluate")
+        return _Source(method=method)
     if (path / WEIGHTS).is_file():
         from dmfc.network.checkpoint import load_alone
 
         load_alone(path)  # before stages are made that it is to be evaluated with
-        return path.absolute(), {}, []
+        return _Source(path.absolute())
     sets = files_below(path, [".parquet"]) if path.is_dir() else [path]
     if not sets or not all(file.is_file() and file.suffix == ".parquet" for file in sets):
         raise DmfcError(
-            f"{unknown_name('model', source, MODELS)}; nor is it a folder with {WEIGHTS} or "
-            "grasp sets (.parquet)"
+            f"{unknown_name('model', source, [*MODELS, *shipped_methods()])}; nor is it a folder "
+            f"with {WEIGHTS}, grasp sets (.parquet), or file.py:function"
         )
+    return _grasp_sets(sets)
+
+
+def _grasp_sets(sets: Sequence[Path]) -> _Source:
+    """Grasp sets and their objects. Raises DmfcError where two are of one object."""
+    from dmfc.grasps.grasp_set import GraspSet
+
     files: dict[str, Path] = {}
     selectors = []
     for file in sets:
@@ -226,7 +254,7 @@ def _source(source: str) -> tuple[Path | None, dict[str, Path], list[str]]:
             )
         files[found.object_id] = file.absolute()
         selectors.append(found.notes.get("object_selector", found.object_id))
-    return None, files, selectors
+    return _Source(files=files, objects=selectors)
 
 
 def _means(spread: pd.DataFrame) -> dict[str, float | None]:

@@ -49,7 +49,7 @@ def open_set(
 
 
 def make_shards(session: Session, split: str) -> Sequence[Stage]:
-    """The shards of a split, made; what is damaged is set aside first, and told."""
+    """The shards of a split, made; damaged ones are set aside first, with a line for each."""
     from dmfc.engine.store import repair
 
     shards = session.builder.scenes(session.config, check_split(split))

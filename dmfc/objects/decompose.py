@@ -62,9 +62,9 @@ def decompose(vertices: np.ndarray, faces: np.ndarray, **options: Any) -> list[n
             return None
         if ended.returncode:
             signalled = f"its process was killed (signal {-ended.returncode})"
-            told = ended.stderr.strip().splitlines() or [signalled]
+            lines = ended.stderr.strip().splitlines() or [signalled]
             kind = DmfcError if ended.returncode == REFUSED else MachineError
-            raise kind(f"the convex decomposition failed: {told[-1]}")
+            raise kind(f"the convex decomposition failed: {lines[-1]}")
         with np.load(answer) as parts:
             return [parts[f"arr_{k}"] for k in range(len(parts.files))]
 

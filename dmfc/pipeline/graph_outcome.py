@@ -14,10 +14,12 @@ from dmfc.engine.stage import Stage, without
 from dmfc.errors import DmfcError
 from dmfc.files.digest import file_digest
 from dmfc.network.model_files import WEIGHTS
+from dmfc.outcome.files import FEATURES_VERSION
 from dmfc.outcome.files import WEIGHTS as JUDGE
 
 if TYPE_CHECKING:
-    from dmfc.pipeline.graph import GraphBuilder, Inputs
+    from dmfc.pipeline.graph import GraphBuilder
+    from dmfc.pipeline.graph_data import Inputs
 
 SELECTION = (
     "protocol",
@@ -140,12 +142,19 @@ def outcome(builder: GraphBuilder, config: Config, proposer: Stage | Path) -> St
     """The predictor that learns from the executed predictions of a model."""
     settings = {
         "outcome": without(config.outcome, "objects", "proposer", "judge", "rollouts"),
+        "features": FEATURES_VERSION,
         "closing": executed(config).closing,
         "seed": config.training.seed,
     }
     trials = rollouts(builder, config, proposer)
     inputs: Inputs = {"hand": builder.hand(config), "rollouts": trials}
-    return builder.stage("outcome", f"seed {config.training.seed}", settings, inputs)
+    hints: dict[str, str] = {}
+    if config.outcome.form == "head":
+        if isinstance(proposer, Path):
+            settings["weights"], hints = file_digest(proposer / WEIGHTS), {"weights": str(proposer)}
+        else:
+            inputs = {**inputs, "model": proposer}
+    return builder.stage("outcome", f"seed {config.training.seed}", settings, inputs, hints)
 
 
 def _given_judge(config: Config, checkpoint: Path | None) -> Path | None:

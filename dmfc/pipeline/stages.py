@@ -5,6 +5,7 @@ Heavy imports are inside the functions, so that a worker loads only what its sta
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -30,9 +31,12 @@ from dmfc.pipeline.artifacts import (
 from dmfc.pipeline.here import require_same, source_here, with_packs
 
 if TYPE_CHECKING:
+    from dmfc.config.closing import ClosingConfig
     from dmfc.execution.evaluate import Evaluation
     from dmfc.hand.model import HandModel
+    from dmfc.network.model import DmfcGraspNet
     from dmfc.objects.atlas import ObjectAtlas
+    from dmfc.outcome.head import HeadJudge
     from dmfc.outcome.judge import Judge
 
 
@@ -40,10 +44,10 @@ if TYPE_CHECKING:
 def make_hand(ctx: StageContext) -> None:
     """hand: `hand.npz`."""
     from dmfc.hand.build import build_hand
-    from dmfc.hand.description import own_hand_digest
+    from dmfc.hand.description import custom_hand_digest
 
     name = ctx.config["hand"].name
-    require_same(f"hand '{name}'", own_hand_digest(name), ctx.config.get("files", ""))
+    require_same(f"hand '{name}'", custom_hand_digest(name), ctx.config.get("files", ""))
     build_hand(ctx.config["hand"]).save(ctx.out / HAND)
 
 
@@ -93,7 +97,7 @@ def _take_grasps(ctx: StageContext) -> None:
     if found.object_id != name or mesh != ctx.config["digest"]:
         raise DmfcError(
             f"the grasps of '{name}' in {path} were planned for another mesh: "
-            "set grasps.source=plan to plan them anew"
+            "set grasps.source=plan to plan them again"
         )
     shutil.copyfile(path, ctx.out / GRASPS)
 
@@ -132,8 +136,14 @@ def pretrain(ctx: StageContext) -> None:
 
 
 def finetune(ctx: StageContext) -> None:
-    """finetune: as `pretrain`, from its weights."""
-    _train(ctx, "finetune", ctx.input("weights"))
+    """finetune: as `pretrain`, from its weights or those of a trained model."""
+    if "start" not in ctx.config:
+        _train(ctx, "finetune", ctx.input("weights"))
+        return
+    folder = Path(ctx.hints["start"])
+    path = folder / WEIGHTS
+    require_same(f"training.finetune_from: {path}", file_digest(path), ctx.config["start"])
+    _train(ctx, "finetune", folder)
 
 
 @with_packs
@@ -152,9 +162,8 @@ def evaluation_of(
 ) -> Evaluation:
     """What an evaluation stage executes, from its settings and the folders of its inputs."""
     from dmfc.execution.evaluate import Evaluation
-    from dmfc.files.digest import file_digest
     from dmfc.hand.description import load_description
-    from dmfc.network.checkpoint import load_network
+    from dmfc.pipeline.stages_method import method_of
 
     def one(name: str) -> Path:
         folder = inputs[name]
@@ -168,16 +177,11 @@ def evaluation_of(
 
     row = config["row"]
     hand = load_hand(one("hand"), config["closing"])
-    network = None
-    if row == "model":
-        folder = one("model") if "weights" not in config else Path(hints["weights"])
-        if "weights" in config:
-            path = folder / WEIGHTS
-            require_same(str(path), file_digest(path), config["weights"])
-        network = load_network(folder, hand)
+    network = load_model(config, inputs, hints, hand) if row == "model" else None
+    scenes = load_scenes([one("scenes")])
     return Evaluation(
         row=row,
-        scenes=load_scenes([one("scenes")]),
+        scenes=scenes,
         objects=Objects(several("objects")),
         grasps=load_grasp_sets(several("grasps")) if row == "planner" else None,
         labels=config.get("labels"),
@@ -189,7 +193,25 @@ def evaluation_of(
         judge=_judge(config, inputs, hints, hand)
         if config["execution"].score == "outcome"
         else None,
+        method=method_of(config, hints, scenes, hand),
     )
+
+
+def load_model(
+    config: Mapping[str, Any],
+    inputs: Mapping[str, Path | list[Path]],
+    hints: Mapping[str, str],
+    hand: HandModel,
+) -> DmfcGraspNet:
+    """The network that proposes: of the stage `model`, or of a folder known by its weights."""
+    from dmfc.network.checkpoint import load_network
+
+    folder = Path(hints["weights"]) if "weights" in config else inputs["model"]
+    assert isinstance(folder, Path)
+    if "weights" in config:
+        path = folder / WEIGHTS
+        require_same(str(path), file_digest(path), config["weights"])
+    return load_network(folder, hand)
 
 
 def _judge(
@@ -197,17 +219,17 @@ def _judge(
     inputs: Mapping[str, Path | list[Path]],
     hints: Mapping[str, str],
     hand: HandModel,
-) -> Judge:
+) -> Judge | HeadJudge:
     """The outcome predictor of an evaluation: a folder of the user's, or a stage."""
     from dmfc.outcome.files import WEIGHTS as JUDGE
-    from dmfc.outcome.judge import Judge
+    from dmfc.outcome.head import load_judge
 
     folder = Path(hints["judge"]) if "judge" in config else inputs["judge"]
     assert isinstance(folder, Path)
     if "judge" in config:
         path = folder / JUDGE
         require_same(str(path), file_digest(path), config["judge"])
-    judge = Judge.load(folder)
+    judge = load_judge(folder)
     if judge.hand != hand.name:
         raise DmfcError(
             f"{folder} judges the hand '{judge.hand}', not '{hand.name}' (outcome.judge)"
@@ -238,8 +260,8 @@ def _train(ctx: StageContext, stage: Literal["pretrain", "finetune"], weights: P
     from dmfc.training.settings import FitConfig
 
     training = ctx.config["training"]
-    check_own_losses(ctx.config.get("own_losses", {}))
-    hand, atlas = training_geometry(ctx.inputs)
+    check_custom_losses(ctx.config.get("own_losses", {}))
+    hand, atlas = training_geometry(ctx.inputs, ctx.config.get("closing"))
     grasps = load_grasp_sets(present(ctx.input_list("grasps")))
     if not any(len(found) for found in grasps.values()):
         raise DmfcError("no training object has a grasp: raise grasps.max_checks")
@@ -262,23 +284,29 @@ def _train(ctx: StageContext, stage: Literal["pretrain", "finetune"], weights: P
     )
     validation = ctx.config.get("validation", ValidationConfig())
     config = FitConfig(ctx.config["network"], ctx.config["losses"], training, validation)
+    if "approach" in ctx.config:
+        config = dataclasses.replace(config, approach=ctx.config["approach"])
     digest = data_digest(ctx.inputs)
-    fit(stage, config, hand, data, atlas, ctx.out, ctx.work, weights, digest, ctx.progress)
+    probe = data.probe(training.diagnostic_scenes) if training.diagnostic_scenes else None
+    fit(stage, config, hand, data, atlas, ctx.out, ctx.work, weights, digest, probe, ctx.progress)
 
 
-def check_own_losses(digests: Mapping[str, str]) -> None:
+def check_custom_losses(digests: Mapping[str, str]) -> None:
     """Raises MachineError where the file of a user's loss is not that of the stage's key."""
-    from dmfc.config.custom_function import own_function
+    from dmfc.config.custom_function import custom_function
 
     for text, digest in digests.items():
-        found = own_function(text, "losses.own").digest
-        require_same(f"losses.own: the file of '{text}'", found, digest)
+        found = custom_function(text, "losses.custom").digest
+        require_same(f"losses.custom: the file of '{text}'", found, digest)
 
 
 def training_geometry(
-    inputs: Mapping[str, Path | list[Path]],
+    inputs: Mapping[str, Path | list[Path]], closing: ClosingConfig | None = None
 ) -> tuple[HandModel, ObjectAtlas]:
-    """The hand and the objects of a training stage: to train on, then to validate on."""
+    """The hand and the objects of a training stage: to train on, then to validate on.
+
+    `closing`: how the fingers open and close (None: by default).
+    """
     from dmfc.objects.atlas import ObjectAtlas
 
     hand, train = inputs["hand"], inputs["objects"]
@@ -287,7 +315,7 @@ def training_geometry(
     assert isinstance(train, list)
     assert isinstance(held_out, list)
     objects = Objects([*present(train), *whole(held_out)])
-    return load_hand(hand), ObjectAtlas.of(list(objects.values()))
+    return load_hand(hand, closing), ObjectAtlas.of(list(objects.values()))
 
 
 def data_digest(inputs: Mapping[str, Path | list[Path]]) -> str:

@@ -31,7 +31,9 @@ def to_csv(table: SweepTable) -> str:
         head += [f"{name}{suffix}" for suffix in SUFFIXES]
         head += [f"paper_{name}", f"paper_{name}_se"]
     writer = csv.writer(out, lineterminator="\n")
-    writer.writerow([*head, *PAIRED, "failure", "left_out", "claim", "claim_objects"])
+    writer.writerow(
+        [*head, *PAIRED, "failure", "left_out", "claim", "claim_objects", *method_head(table)]
+    )
     claims = [table.claim("scenes"), table.claim("objects")]
     left_out = "; ".join(f"{name}: {reason}" for name, reason in (table.left_out or {}).items())
     for row in table.rows:
@@ -46,7 +48,7 @@ def to_csv(table: SweepTable) -> str:
         pair = row.paired
         line += map(_number, (pair.difference, pair.low, pair.high) if pair else [None] * 3)
         line += [f"{pair.p:.6g}", f"{pair.p_holm:.6g}"] if pair else ["", ""]
-        writer.writerow([*line, row.failure, left_out, *claims])
+        writer.writerow([*line, row.failure, left_out, *claims, *method_cells(table, row)])
     return out.getvalue()
 
 
@@ -95,12 +97,30 @@ def to_rich(table: SweepTable, over: Over = "scenes") -> Table:
     for name in table.show:
         shown.add_column(f"{name} ± s.e.\n[95 %]")
         shown.add_column("paper")
+    for name in method_head(table):
+        shown.add_column(name, justify="right")
     for row in table.rows:
         cells = [row.label, str(row.trials)]
         for name in table.show:
             cells += [rate_text(row.rate(name, over)).replace(" [", "\n["), paper_text(row, name)]
+        cells += method_cells(table, row)
         shown.add_row(*map(Text, cells))
     return shown
+
+
+def method_head(table: SweepTable) -> list[str]:
+    """Columns that a table has where somebody else's method is in it."""
+    there = any(row.method for row in table.rows)
+    return ["s per scene", "failed scenes", "used"] if there else []
+
+
+def method_cells(table: SweepTable, row: TableRow) -> list[str]:
+    """The cells of a row under `method_head`; empty for rows of our own."""
+    method = row.method
+    if method is None:
+        return [""] * len(method_head(table))
+    seconds = "" if method.seconds is None else f"{method.seconds:.3g}"
+    return [seconds, str(method.failed_scenes), method.used]
 
 
 def rate_text(rate: Rate) -> str:
@@ -156,6 +176,7 @@ def _json_row(row: TableRow) -> dict[str, Any]:
         "paper": {name: list(pair) for name, pair in row.paper.items()},
         "objects": {obj: _json_rates(found) for obj, found in row.objects.items()},
         "reasons": dict(row.reasons),
+        **({"method": dataclasses.asdict(row.method)} if row.method else {}),
     }
 
 

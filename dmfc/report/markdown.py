@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 
 from dmfc.report.formats import (
+    method_cells,
+    method_head,
     one_line,
     pair_text,
     paper_text,
@@ -28,6 +30,7 @@ def to_markdown(table: SweepTable) -> str:
     head = ["model", "trials"]
     for name in table.show:
         head += [f"{name} ± s.e. [95 %]", "paper"]
+    head += method_head(table)
     lines = [
         f"## {_markdown(table.title)}",
         "",
@@ -39,6 +42,7 @@ def to_markdown(table: SweepTable) -> str:
         cells = [_markdown(row.label), str(row.trials)]
         for name in table.show:
             cells += [rate_text(row.rate(name)), paper_text(row, name)]
+        cells += method_cells(table, row)
         lines.append(_markdown_row(cells))
     lines += ["", left_out_line(table.left_out)]
     for row in table.rows:

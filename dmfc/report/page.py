@@ -21,9 +21,10 @@ from dmfc.files.atomic import write_text
 from dmfc.files.sealed import read_or_replace
 from dmfc.report.clusters import CONFIDENCE
 from dmfc.report.curves import draw_curves
+from dmfc.report.diagnosed import diagnosed
 from dmfc.report.failures import draw_failures
 from dmfc.report.figure import draw_rates
-from dmfc.report.formats import p_text, paper_text, rate_text, seed_text
+from dmfc.report.formats import method_cells, method_head, p_text, paper_text, rate_text, seed_text
 from dmfc.report.left_out import left_out_line
 from dmfc.report.outputs import note_outputs
 from dmfc.report.rates import Rate
@@ -53,6 +54,8 @@ class Origin:
     tracked: Mapping[str, Any] = field(default_factory=dict)
     settings: Sequence[Mapping[str, Any]] = ()
     """Each cell's stages, and how its settings differ from those of the first."""
+    diagnosed: Mapping[str, Any] = field(default_factory=dict)
+    """What fine-tuning did to its predictions (`dmfc.report.diagnosed`)."""
 
 
 def write_page(
@@ -75,7 +78,13 @@ def origin_of(ledger: Ledger, sweep: SweepRecord) -> Origin:
     calls = [
         {**call, "command": [*map(masked, call["command"])]} for call in read_provenance(folder)
     ]
-    return Origin(read_state(folder).status, calls, read_marker(folder), _settings(sweep))
+    return Origin(
+        read_state(folder).status,
+        calls,
+        read_marker(folder),
+        _settings(sweep),
+        diagnosed(ledger, sweep),
+    )
 
 
 def page_text(table: SweepTable, figures: Sequence[Mapping[str, str]], origin: Origin) -> str:
@@ -92,10 +101,12 @@ def page_text(table: SweepTable, figures: Sequence[Mapping[str, str]], origin: O
         served=_server(tracked) == UI,
         left_out=left_out_line(table.left_out),
         has_paper=any(row.paper for row in table.rows),
+        method_head=method_head(table),
         figures=figures,
         trials=_searched(table, tracked),
         objects=_objects(table),
         reasons=_reasons(table),
+        diagnosed=origin.diagnosed,
         calls=[_call(call) for call in origin.calls],
         settings=origin.settings,
     )
@@ -147,6 +158,7 @@ def _row(row: TableRow, table: SweepTable, tracked: Mapping[str, Any]) -> dict[s
         "failure": row.failure,
         "rates": [_rate(row, name) for name in table.show],
         "paired": _paired(row, table),
+        "method": method_cells(table, row),
         "runs": _runs(row.name, list(row.by_seed), tracked),
     }
 

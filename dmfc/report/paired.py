@@ -111,8 +111,8 @@ def _held(rows: pd.DataFrame) -> pd.Series:
     table = rows if "seed" in rows else rows.assign(seed=0)
     missing = {*TRIAL, "held", "planned"} - set(table)
     if missing:
-        raise DmfcError(f"these are no trial rows: no column {', '.join(sorted(missing))}")
+        raise DmfcError(f"these are not trial rows: no column {', '.join(sorted(missing))}")
     if table.duplicated(TRIAL).any():
-        raise DmfcError("a trial is there twice: choose one cell of the table")
+        raise DmfcError("a trial is in the rows twice: choose one cell of the table")
     held = (table["held"].astype(bool) & table["planned"].astype(bool)).astype(float)
     return held.set_axis(pd.MultiIndex.from_frame(table[TRIAL])).sort_index()

@@ -154,12 +154,12 @@ def _width(rate: Rate) -> float:
 def _check(rows: pd.DataFrame, trials: int) -> None:
     lacking = [name for name in COLUMNS if name not in rows.columns]
     if lacking:
-        raise DmfcError(f"the trial rows lack the columns {', '.join(lacking)}")
+        raise DmfcError(f"the trial rows have no columns {', '.join(lacking)}")
     if len(rows) > trials:
         raise DmfcError(f"{len(rows)} trial rows for {trials} trials (K x scenes)")
     identity = [name for name in ("seed", "scene", "trial") if name in rows.columns]
     if rows.duplicated(identity).any():
-        raise DmfcError("a trial is there twice in the rows")
+        raise DmfcError("a trial is in the rows twice")
 
 
 def per_object(rows: pd.DataFrame) -> dict[str, Rates]:

@@ -41,6 +41,19 @@ class CellRows:
 
 
 @dataclass(frozen=True)
+class MethodCost:
+    """Of somebody else's method: what it costs, and where it does not answer."""
+
+    seconds: float | None
+    """Median wall time per scene; None: not known."""
+    failed_scenes: int
+    failures: Mapping[str, int]
+    """Reason -> scenes."""
+    used: str
+    """What it asked for besides the cloud."""
+
+
+@dataclass(frozen=True)
 class TableRow:
     """One row: a cell over all its seeds."""
 
@@ -59,6 +72,8 @@ class TableRow:
     reasons: Mapping[str, int]
     paired: Comparison | None = None
     """Against the base row on the same scenes; None of the base, and where trials differ."""
+    method: MethodCost | None = None
+    """None for rows of our own."""
 
     @property
     def seeds(self) -> int:
@@ -152,6 +167,27 @@ def _row(group: Sequence[CellRows], rows: pd.DataFrame, known: Mapping[int, str]
         failure="; ".join(failures),
         objects=per_object(rows),
         reasons=reasons(rows, trials),
+        method=method_cost(rows),
+    )
+
+
+def method_cost(rows: pd.DataFrame) -> MethodCost | None:
+    """From the columns `method_*` of trial rows, which repeat for each trial of a scene."""
+    if "method_failure" not in rows:
+        return None
+    scenes = rows[rows["method_failure"].notna()].drop_duplicates(
+        [name for name in ("seed", "scene") if name in rows]
+    )
+    if scenes.empty:
+        return None
+    seconds = scenes["method_seconds"].median()
+    failures = scenes.loc[scenes["method_failure"] != "", "method_failure"]
+    used = {word for text in scenes["method_used"] for word in str(text).split()}
+    return MethodCost(
+        seconds=None if pd.isna(seconds) else float(seconds),
+        failed_scenes=len(failures),
+        failures={str(name): int(count) for name, count in failures.value_counts().items()},
+        used=" ".join(sorted(used)),
     )
 
 

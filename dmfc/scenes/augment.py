@@ -44,7 +44,7 @@ def depth_noise(
 def kept_points(config: SensorConfig, count: int, generator: np.random.Generator) -> np.ndarray:
     """Indices [N] in random order, where the dropped ones are replaced by repeats of others.
 
-    The order is random anew so that the seed points, which begin at point 0, differ too.
+    The order is random in every epoch, so that the seed points, which begin at point 0, differ too.
     """
     order = generator.permutation(count)
     lost = min(int(config.dropped * count), count - 1)

@@ -11,6 +11,7 @@ import torch
 from dmfc.config.scenes import ScenesConfig
 from dmfc.geometry import transforms
 from dmfc.grasps.grasp_set import GraspSet
+from dmfc.hand.approach import Approach
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.model import HandModel
 from dmfc.objects.model import ObjectModel
@@ -64,7 +65,7 @@ class HandAtGrasps:
         its frame: [n], metres; -inf where no point comes within the object's bounds."""
         deepest = np.full(len(T_object_link), -np.inf)
         low, high = model.hull_vertices.min(0), model.hull_vertices.max(0)
-        found: list[tuple[np.ndarray, np.ndarray]] = []
+        candidates: list[tuple[np.ndarray, np.ndarray]] = []
         for piece in self._pieces:
             T = T_object_link[:, piece.link]
             centre = T[:, :3, :3] @ piece.centre + T[:, :3, 3]
@@ -73,9 +74,9 @@ class HandAtGrasps:
             if len(rows):
                 points = transforms.apply(T[rows], piece.points).reshape(-1, 3)
                 near = _within(points, low, high)
-                found.append((rows[near // len(piece.points)], points[near]))
-        if found:
-            rows, points = (np.concatenate(values) for values in zip(*found, strict=True))
+                candidates.append((rows[near // len(piece.points)], points[near]))
+        if candidates:
+            rows, points = (np.concatenate(values) for values in zip(*candidates, strict=True))
             np.maximum.at(deepest, rows, model.sdf.distance(points))
         return deepest
 
@@ -100,23 +101,23 @@ def surviving_labels(
     """Labels of all objects of a scene whose hand is clear of the table and of the other objects.
 
     The hand's collision points are tested, at the grasp and open just before it: a grasp is dropped
-    if one of them is deeper than `scenes.clearance` below the table plane or within a neighbour. An
+    if one of them is deeper than `scenes.approach_tolerance` in the table or in a neighbour. An
     object that is not in `grasps` has no labels. At most `scenes.max_grasps` per object stay, the
     most robust.
     """
-    dropped = dict.fromkeys(REASONS, 0)
+    approach, dropped = Approach.of_labels(config), dict.fromkeys(REASONS, 0)
     objects, rows = [], []
     for index, model in enumerate(models):
-        own = grasps.get(model.id)
-        if own is None or len(own) == 0:
+        of_object = grasps.get(model.id)
+        if of_object is None or len(of_object) == 0:
             continue
-        order = np.argsort(-own.robustness, kind="stable")
+        order = np.argsort(-of_object.robustness, kind="stable")
         T_world_hands = [
-            T_world_object[index] @ hand.links(own, opened=opened)[order]
+            T_world_object[index] @ hand.links(of_object, opened=opened)[order]
             for opened in (False, True)
         ]
         height = np.min([hand.lowest(T) for T in T_world_hands], axis=0)
-        is_clear = -height <= config.clearance
+        is_clear = -height <= approach.table_tolerance
         dropped["table"] += int((~is_clear).sum())
         order = order[is_clear]
         depth = np.full(len(order), -np.inf)
@@ -124,10 +125,10 @@ def surviving_labels(
             if other != index and len(order):
                 T_other_world = transforms.inverse(T_world_object[other])
                 for T in T_world_hands:
-                    found = hand.deepest(T_other_world @ T[is_clear], neighbour)
-                    depth = np.maximum(depth, found)
-        dropped["neighbour"] += int((depth > config.clearance).sum())
-        order = order[depth <= config.clearance]
+                    inside = hand.deepest(T_other_world @ T[is_clear], neighbour)
+                    depth = np.maximum(depth, inside)
+        dropped["neighbour"] += int((depth > approach.tolerance).sum())
+        order = order[depth <= approach.tolerance]
         dropped["limit"] += max(0, len(order) - config.max_grasps)
         rows.append(order[: config.max_grasps])
         objects.append(np.full(len(rows[-1]), index))

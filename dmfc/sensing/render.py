@@ -73,8 +73,8 @@ def open_renderer(name: str = "auto") -> Renderer:
         reasons[choice] = _probe(choice)
         if not reasons[choice]:
             return importlib.import_module(_MODULES[choice]).create()
-    told = "; ".join(f"{choice}: {reason}" for choice, reason in reasons.items())
-    raise DmfcError(f"no depth renderer works here: {told} (setting scenes.cameras.renderer)")
+    causes = "; ".join(f"{choice}: {reason}" for choice, reason in reasons.items())
+    raise DmfcError(f"no depth renderer works here: {causes} (setting scenes.cameras.renderer)")
 
 
 def table_view(camera: Camera, table_size: float) -> View:

@@ -112,7 +112,7 @@ def plan_cell(
 ) -> CellPlan:
     """Resolve one cell at one seed."""
     config = cell_config(sweep, cell, seed, preset, overrides)
-    stages = builder.cell(config, cell.model, cell.name, cell.weights)
+    stages = builder.cell(config, cell.model, cell.name, cell.weights, cell.method or None)
     if cell.objective:
         stages = replace(stages, evaluations=())
     return CellPlan(cell, seed, config, stages)

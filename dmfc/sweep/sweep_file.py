@@ -16,10 +16,11 @@
 
 Settings are laid over each other in this order: defaults, presets, `base`, `presets.<preset>`,
 what the command line sets, the cell's `set`. Rows for the planner and for random grasps are always
-added. A cell's `model` is pretrained, finetuned, planner or random, or a trained model that is
-executed as it is: a shipped one's name, or a folder. `matrix` (see `dmfc.sweep.matrix`) adds
-combinations to the cells or stands in their place; `kind: search` with a `search` (see
-`dmfc.sweep.search`) adds trials as they are suggested.
+added. A cell's `model` is pretrained, finetuned, planner or random; or a trained model that is
+executed as it is: a shipped one's name, or a folder; or a method: a shipped one's name, or
+`file.py:function`. `matrix` (see `dmfc.sweep.matrix`) adds combinations to the cells or stands in
+their place; `kind: search` with a `search` (see `dmfc.sweep.search`) adds trials as they are
+suggested.
 `table` says which rates are shown and with which cell the others are compared.
 """
 
@@ -44,12 +45,10 @@ from dmfc.config.setting import GREATEST_SEED
 from dmfc.config.shipped import check_renamed, shipped_file
 from dmfc.errors import DmfcError, unknown_name
 from dmfc.sweep.matrix import MOST_CELLS, expand
+from dmfc.sweep.models import source_of
 from dmfc.sweep.search import Search, parse_search
 from dmfc.sweep.yaml_checks import mapping, only_keys, shortened, text
 
-MODELS = ("pretrained", "finetuned", "planner", "random")
-GIVEN = "given"
-"""The model of a cell that names a shipped model or a folder: what is there, is executed."""
 RATES = ("valid", "success", "overall")
 KINDS = ("cells", "search")
 KEYS = ("kind", "name", "title", "base", "presets", "seeds", "table", "cells", "matrix", "search")
@@ -72,6 +71,8 @@ class Cell:
     """Of a trial of a search, which is validated and not executed; empty for all other cells."""
     weights: Path | None = None
     """Folder of a trained model that is executed as it is; None: the cell's own stages."""
+    method: str = ""
+    """'file.py:function' of a method of the user's own; empty: the cell has none."""
 
 
 @dataclass(frozen=True)
@@ -174,7 +175,7 @@ def _cells(values: Mapping[str, Any], where: str) -> list[Cell]:
     named = _named(values.get("cells"), where)
     if values.get("matrix") is not None:
         if isinstance(values.get("cells"), list):
-            raise DmfcError(f"{where}: beside a matrix, write the cells as NAME: {{...}}, no list")
+            raise DmfcError(f"{where}: with a matrix, cells are NAME: {{...}}, not a list")
         matrix = mapping(values["matrix"], f"{where}: matrix")
         only_keys(matrix, ("model", "axes", "exclude", "cells"), f"{where}: matrix")
         named += expand(matrix, f"{where}: matrix").items()
@@ -207,28 +208,16 @@ def _cell(name: str, given: Any, where: str) -> Cell:
     values = mapping(given or {}, where)
     only_keys(values, ("label", "model", "set", "paper"), where)
     model = str(values.get("model", "finetuned"))
-    weights = None if model in MODELS else _weights(model, where)
+    source = source_of(model, where)
     return Cell(
         name=name,
         label=text(values.get("label", name), f"{where}: label"),
-        model=GIVEN if weights else model,
-        weights=weights,
+        model=source.kind,
+        weights=source.weights,
+        method=source.method,
         settings=mapping(values.get("set") or {}, f"{where}: set"),
         paper=_paper(values.get("paper") or {}, f"{where}: paper"),
     )
-
-
-def _weights(model: str, where: str) -> Path:
-    """The folder of a trained model: a shipped one's name, or a path."""
-    from dmfc.network.model_files import WEIGHTS
-    from dmfc.prediction.models import model_folder, shipped_models
-
-    folder = Path(model).expanduser()
-    if model in shipped_models() or (folder / WEIGHTS).is_file():
-        return model_folder(model)
-    if len(folder.parts) > 1:
-        raise DmfcError(f"{where}: model: the folder {model} holds no {WEIGHTS}")
-    raise DmfcError(f"{where}: {unknown_name('model', model, [*MODELS, *shipped_models()])}")
 
 
 def _paper(given: Any, where: str) -> dict[str, tuple[float, float]]:

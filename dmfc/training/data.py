@@ -20,11 +20,11 @@ from dmfc.geometry import transforms
 from dmfc.geometry.points import farthest_points
 from dmfc.grasps.grasp_set import GraspSet
 from dmfc.scenes.augment import kept_points, random_motion, sensor_errors
-from dmfc.scenes.matching import match_grasps
+from dmfc.scenes.matching import ObservedPoints, match_grasps
 from dmfc.scenes.scene_grasps import grasps_in_scene
 from dmfc.scenes.scene_set import Scene, SceneSet
 from dmfc.sensing.cameras import table_cameras
-from dmfc.training.batch import SceneItem, collate
+from dmfc.training.batch import Batch, SceneItem, collate
 
 _AUGMENT, _SHUFFLE = range(2)  # independent random streams of one seed
 
@@ -80,24 +80,19 @@ class SceneDataset(Dataset):
             T_world_object = T_new_world @ T_world_object
         points = points.astype(np.float32)
         seed_index = farthest_points(points, self._seeds)
+        seeds = ObservedPoints.of(ObservedPoints(points, normals, point_object), seed_index)
         rows = [self._row(scene, object_id) for object_id in scene.object_ids]
         return SceneItem(
             points=torch.from_numpy(points),
             seed_index=torch.from_numpy(seed_index),
-            **self._labels(scene, T_world_object, points, normals, point_object, seed_index),
+            **self._labels(scene, T_world_object, seeds),
             object_index=torch.tensor(rows, dtype=torch.int64),
             T_world_object=torch.from_numpy(T_world_object.astype(np.float32)),
             scene_number=torch.tensor(scene.scene),
         )
 
     def _labels(
-        self,
-        scene: Scene,
-        T_world_object: np.ndarray,
-        points: np.ndarray,
-        normals: np.ndarray,
-        point_object: np.ndarray,
-        seed_index: np.ndarray,
+        self, scene: Scene, T_world_object: np.ndarray, seeds: ObservedPoints
     ) -> dict[str, Tensor]:
         """The grasps that match a seed point, and the table of matches."""
         grasps = grasps_in_scene(
@@ -108,15 +103,7 @@ class SceneDataset(Dataset):
             self._grasps,
             self._palm_reference,
         )
-        match = match_grasps(
-            self._matching,
-            points[seed_index],
-            normals[seed_index],
-            point_object[seed_index],
-            grasps.palm_reference,
-            grasps.palm_hit,
-            grasps.object_index,
-        )
+        match = match_grasps(self._matching, seeds, grasps)
         used = match.any(0)
         return {
             "grasp_position": torch.from_numpy(grasps.position[used].astype(np.float32)),
@@ -195,6 +182,10 @@ class SceneData(lightning.LightningDataModule):
             SceneDataset(validation, *shared, seeds=seeds, seed=seed) if validation else None
         )
         self._batch_size, self._workers, self._seed = batch_size, workers, seed
+
+    def probe(self, count: int) -> Batch:
+        """The first training scenes, `count` at most, as the first epoch shows them."""
+        return collate([self.train[0, i] for i in range(min(count, len(self.train)))])
 
     def train_dataloader(self) -> DataLoader:
         return self._loader(self.train, shuffle=True)

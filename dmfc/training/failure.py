@@ -53,5 +53,5 @@ def read_failure(path: Path) -> dict[str, Any]:
     with reading(path, "a saved batch", "--replay"):
         found = torch.load(path, weights_only=True, map_location="cpu")
     if not isinstance(found, dict) or set(found) != ENTRIES or found["version"] != VERSION:
-        raise DmfcError(f"{path} is no batch that this version of dmfc saved")
+        raise DmfcError(f"{path} is not a batch that this version of dmfc saved")
     return cast(dict[str, Any], found)

@@ -4,14 +4,16 @@ from collections import Counter
 
 import pytest
 
-from dmfc.config.custom_function import own_function
+from dmfc.config.custom_function import custom_function
 from dmfc.config.load import load_config
 from dmfc.engine.stage import closure
 from dmfc.errors import DmfcError
 from dmfc.files.digest import file_digest
 from dmfc.grasps.library import library_file
-from dmfc.pipeline.graph import GraphBuilder, ObjectRef, without
-from dmfc.pipeline.stages import check_own_losses
+from dmfc.pipeline.graph import GraphBuilder, without
+from dmfc.pipeline.graph_data import ObjectRef
+from dmfc.pipeline.stages import check_custom_losses
+from dmfc.prediction.models import model_folder
 from dmfc.sweep.planner import plan_sweep
 from dmfc.sweep.sweep_file import load_sweep
 from tests.support.fake_science import fake_refs
@@ -78,7 +80,13 @@ def test_table_one_shares_data_and_pretraining(builder):
             "objects.prepare.sdf_spacing=0.006",
             {"object", "grasps", "scenes", "pretrain", "finetune", "evaluate"},
         ),
-        ("losses.own={}", set()),
+        ("losses.weights.swept=1", {"finetune", "evaluate"}),
+        ("losses.saturated=true", {"finetune", "evaluate"}),
+        ("losses.swept.margin=0.001", {"finetune", "evaluate"}),
+        ("training.finetune_form=projected", {"finetune", "evaluate"}),
+        ("training.projection.steps=3", {"finetune", "evaluate"}),
+        ("training.diagnostic_scenes=3", {"finetune", "evaluate"}),
+        ("losses.custom={}", set()),
         ("grasps.library=''", set()),
         ("training.threads=4", set()),
         ("training.loader_workers=2", set()),
@@ -106,6 +114,37 @@ def test_how_hard_samples_are_chosen_in_finetuning_leaves_pretraining_alone(buil
         assert other["finetune"] != usual["finetune"]
 
 
+def test_fine_tuning_knows_the_approach_where_it_is_swept_alone(builder):
+    def finetuned(*overrides):
+        return keys(builder, *overrides)["finetune"]
+
+    for way in ("execution.waypoints=7", "execution.approach_tolerance=0.004"):
+        assert finetuned(way) == finetuned()
+        assert finetuned("losses.weights.swept=1", way) != finetuned("losses.weights.swept=1")
+    lifted = "execution.lift_time=2"
+    assert finetuned("losses.weights.swept=1", lifted) == finetuned("losses.weights.swept=1")
+
+
+def test_fine_tuning_starts_from_a_model_that_is_there(builder, tmp_path):
+    start = "training.finetune_from=table1-pretrained"
+    stage = builder.finetune(load_config("smoke", [start]), "c")
+    assert "weights" not in stage.inputs
+    folder = model_folder("table1-pretrained")
+    assert stage.hints["start"] == str(folder)
+    assert stage.config["start"] == file_digest(folder / "weights.safetensors")
+    assert "pretrain" not in keys(builder, start)
+    # A copy elsewhere is the same start; other weights are another.
+    copied = tmp_path / "mine"
+    copied.mkdir()
+    weights = copied / "weights.safetensors"
+    weights.write_bytes((folder / weights.name).read_bytes())
+    assert keys(builder, f"training.finetune_from={copied}") == keys(builder, start)
+    weights.write_bytes(b"other")
+    assert keys(builder, f"training.finetune_from={copied}")["finetune"] != {stage.key}
+    with pytest.raises(DmfcError, match="did you mean 'table1-pretrained'"):
+        keys(builder, "training.finetune_from=table1-pretrain")
+
+
 def keys(builder, *overrides):
     return by_kind(builder.cell(load_config("smoke", overrides), "finetuned", "c").evaluations)
 
@@ -115,24 +154,24 @@ def test_a_loss_of_the_users_own_reruns_what_learns_with_it_whenever_its_file_ch
 ):
     file = tmp_path / "mine.py"
     file.write_text("def high(hands):\n    return hands.position[:, 2]\n")
-    override = f"losses.own={{{file}:high: 1}}"
+    override = f"losses.custom={{{file}:high: 1}}"
     assert changed(builder, override) == {"finetune", "evaluate"}
     before = keys(builder, override)
     file.write_text("def high(hands):\n    return -hands.position[:, 2]\n")
     after = keys(builder, override)
     assert {kind for kind in before if before[kind] != after[kind]} == {"finetune", "evaluate"}
     with pytest.raises(DmfcError, match=r"unknown function of .* 'hihg'; did you mean 'high'"):
-        keys(builder, f"losses.own={{{file}:hihg: 1}}")
+        keys(builder, f"losses.custom={{{file}:hihg: 1}}")
 
 
 def test_a_loss_that_changed_after_the_sweep_began_is_refused(tmp_path):
     file = tmp_path / "mine.py"
     file.write_text("def high(hands): ...\n")
-    digest = own_function(f"{file}:high", "losses.own").digest
-    check_own_losses({f"{file}:high": digest})
+    digest = custom_function(f"{file}:high", "losses.custom").digest
+    check_custom_losses({f"{file}:high": digest})
     file.write_text("def high(hands): return 1\n")
     with pytest.raises(DmfcError, match="is not the same"):
-        check_own_losses({f"{file}:high": digest})
+        check_custom_losses({f"{file}:high": digest})
 
 
 def test_a_hand_of_the_users_own_reruns_all_that_has_a_hand_whenever_its_files_change(

@@ -131,7 +131,7 @@ def test_rows_that_cannot_be_right_are_errors():
     twice = pd.concat([rows((True, True)), rows((True, True))])
     with pytest.raises(DmfcError, match="twice"):
         rates(twice, 4)
-    with pytest.raises(DmfcError, match="lack the columns held"):
+    with pytest.raises(DmfcError, match="have no columns held"):
         rates(rows((True, True)).drop(columns="held"), 1)
 
 
