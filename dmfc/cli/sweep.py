@@ -1,4 +1,4 @@
-"""The verbs around a whole experiment: sweep, tables."""
+"""The commands `dmfc sweep` and `dmfc tables`."""
 
 from __future__ import annotations
 
