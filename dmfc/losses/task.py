@@ -11,6 +11,7 @@ from dmfc.config.execution import ExecutionConfig
 from dmfc.config.losses import LossConfig, LossWeights
 from dmfc.errors import unknown_name
 from dmfc.geometry.transforms import transform
+from dmfc.hand.approach import Approach
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.model import HandModel
 from dmfc.losses.collision import SelfCollision, collision
@@ -52,12 +53,13 @@ class SceneTerms:
     """Collision, guidance, Q1 and custom terms of grasps of one hand."""
 
     def __init__(
-        self, hand: HandModel, config: LossConfig, execution: ExecutionConfig | None = None
+        self, hand: HandModel, config: LossConfig, approach: Approach | None = None
     ) -> None:
-        """`execution`: whose approach is swept (None: by default)."""
+        """`approach`: what is swept (None: that of execution by default)."""
         self.config = config
         self.kinematics = HandKinematics(hand)
-        self.swept = SweptCollision(self.kinematics, config.swept, execution or ExecutionConfig())
+        way = approach or Approach.of_execution(ExecutionConfig())
+        self.swept = SweptCollision(self.kinematics, config.swept, way)
         self.self_collision = SelfCollision(hand) if config.self_collision else None
         self.tips = tips(hand) if config.guidance.points == "tips" else None
         self.custom = CustomTerms(config.custom)

@@ -122,11 +122,9 @@ class FeatureMaker:
         of_bones, of_hands = [], []
         for angles in (joints, hand.opened(joints)):
             gap, ahead = np.empty((2, count, len(link)))
-            poses = link_poses(hand, angles)
-            gaps_at(R, t, poses, link, inner, hand.inner_normals, *cloud.cells, gap, ahead)  # type: ignore[call-arg]
-            T = poses[:, link]
-            local = np.einsum("nvij,vj->nvi", T[..., :3, :3], inner) + T[..., :3, 3]
-            places = np.einsum("nij,nvj->nvi", R, local) + t[:, None]
+            places = np.empty((count, len(link), 3))
+            poses, normals = link_poses(hand, angles), hand.inner_normals
+            gaps_at(R, t, poses, link, inner, normals, *cloud.cells, gap, ahead, places)  # type: ignore[call-arg]
             depth, blocked = cloud.solid(places)
             of_bones += [self._least(gap), self._least(ahead), -self._least(-depth)]
             of_hands += [gap.min(1), ahead.min(1), depth.max(1), blocked.mean(1)]

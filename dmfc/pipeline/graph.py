@@ -19,6 +19,7 @@ from dmfc.config.schema import Config
 from dmfc.engine.stage import Stage, without
 from dmfc.errors import DmfcError
 from dmfc.files.digest import file_digest
+from dmfc.hand.approach import Approach
 from dmfc.network.model_files import WEIGHTS
 from dmfc.pipeline.graph_data import DataGraph, Inputs, of_every_scene
 from dmfc.pipeline.graph_method import method_settings
@@ -36,8 +37,6 @@ OF_FINETUNING = (
     "diagnostic_scenes",
 )
 """Settings of `training` that pre-training knows nothing of."""
-APPROACH = "pregrasp_distance", "waypoints", "approach_tolerance", "grasp_tolerance"
-"""Settings of `execution` that the swept collision depends on."""
 
 
 @dataclass(frozen=True)
@@ -100,8 +99,7 @@ class GraphBuilder(DataGraph):
             "training": without(config.training, "pretrain", "finetune_from"),
         }
         if config.losses.weights.swept != 0:
-            way = {name: getattr(config.execution, name) for name in APPROACH}
-            settings["execution"] = dataclasses.replace(ExecutionConfig(), **way)
+            settings["approach"] = Approach.of_execution(config.execution)
             settings["closing"] = without(config.closing, "squeeze")
         if config.losses.custom:
             settings["own_losses"] = {

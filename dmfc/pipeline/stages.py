@@ -5,6 +5,7 @@ Heavy imports are inside the functions, so that a worker loads only what its sta
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -253,7 +254,6 @@ def present(folders: list[Path]) -> list[Path]:
 
 
 def _train(ctx: StageContext, stage: Literal["pretrain", "finetune"], weights: Path | None) -> None:
-    from dmfc.config.execution import ExecutionConfig
     from dmfc.config.validation import ValidationConfig
     from dmfc.training.data import SceneData
     from dmfc.training.fit import fit
@@ -283,9 +283,9 @@ def _train(ctx: StageContext, stage: Literal["pretrain", "finetune"], weights: P
         validation=load_scenes(ctx.input_list("validation_scenes")) if validated else None,
     )
     validation = ctx.config.get("validation", ValidationConfig())
-    execution = ctx.config.get("execution", ExecutionConfig())
-    settings = (ctx.config["network"], ctx.config["losses"], training, validation, execution)
-    config = FitConfig(*settings)
+    config = FitConfig(ctx.config["network"], ctx.config["losses"], training, validation)
+    if "approach" in ctx.config:
+        config = dataclasses.replace(config, approach=ctx.config["approach"])
     digest = data_digest(ctx.inputs)
     probe = data.probe(training.diagnostic_scenes) if training.diagnostic_scenes else None
     fit(stage, config, hand, data, atlas, ctx.out, ctx.work, weights, digest, probe, ctx.progress)

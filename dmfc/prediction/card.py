@@ -136,6 +136,7 @@ objects that a network of it had not seen:
 
 {measured or UNMEASURED.replace("model", "predictor")}
 
-It learned in the simulator that judges, from scenes of one object, and knows nothing of what the
-cameras did not see. Not tried on a real hand.
+It learned in the simulator that judges. Of what the cameras did not see it knows only that a place
+is inside an object where nearly every way out of it meets an observed point. Not tried on a real
+hand.
 """

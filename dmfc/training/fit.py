@@ -66,9 +66,9 @@ def fit(
     if init_weights is not None:
         load_weights(net, init_weights)
     points, seeds = training.rank_points, training.finetune_seeds
-    task = Task(stage, config.losses, hand, atlas, points, seeds, config.execution)
+    task = Task(stage, config.losses, hand, atlas, points, seeds, config.approach)
     failure = Failure(work / FAILURE, config, hand.name)
-    validation = Validation(config.validation, config.losses, hand, atlas, config.execution)
+    validation = Validation(config.validation, config.losses, hand, atlas, config.approach)
     diagnostics = None
     if probe is not None and stage == "finetune" and task.of_scene:
         diagnostics = Diagnostics(net, task, probe, training.projection)

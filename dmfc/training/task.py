@@ -9,9 +9,9 @@ from typing import Literal
 import torch
 from torch import Tensor
 
-from dmfc.config.execution import ExecutionConfig
 from dmfc.config.losses import LossConfig, LossWeights
 from dmfc.errors import DmfcError
+from dmfc.hand.approach import Approach
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.model import HandModel
 from dmfc.losses.custom import term_name
@@ -41,12 +41,12 @@ class Task:
         atlas: ObjectAtlas,
         rank_points: int,
         seeds: Seeds = "all",
-        execution: ExecutionConfig | None = None,
+        approach: Approach | None = None,
     ) -> None:
         """`rank_points`: collision points of the hand in `errors`; 0: all, and Q1 in full.
 
         `seeds`: whose predictions have a task loss (setting training.finetune_seeds).
-        `execution`: whose approach is swept (None: by default).
+        `approach`: what is swept (None: that of execution by default).
         Raises DmfcError where every weight of the stage is 0.
         """
         self.stage = stage
@@ -63,13 +63,13 @@ class Task:
         self.labelled = seeds == "labelled" or not self.of_scene
         self.space, self.relative = config.grasp_space, config.relative
         self.atlas = atlas
-        self._full = SceneTerms(hand, config, execution)
+        self._full = SceneTerms(hand, config, approach)
         self._cheap, self._ranked = self._full, self.of_scene
         if rank_points > 0:
             self._ranked = [STAND_IN.get(name, name) for name in self.of_scene]
             q1 = dataclasses.replace(config.q1, directions=RANK_DIRECTIONS)
             thinned, fewer = hand.thinned(rank_points), dataclasses.replace(config, q1=q1)
-            self._cheap = SceneTerms(thinned, fewer, execution)
+            self._cheap = SceneTerms(thinned, fewer, approach)
 
     def candidates(self, prediction: Prediction, batch: Batch) -> Candidates:
         """The predictions that have a task loss: all, or those with a label.

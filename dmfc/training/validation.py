@@ -9,11 +9,11 @@ import torch
 from scipy.stats import spearmanr
 from torch import Tensor
 
-from dmfc.config.execution import ExecutionConfig
 from dmfc.config.losses import LossConfig
 from dmfc.config.validation import ValidationConfig
 from dmfc.geometry.rotations import geodesic_angle
 from dmfc.geometry.transforms import transform
+from dmfc.hand.approach import Approach
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.model import HandModel
 from dmfc.losses.q1 import grasp_contacts, q1_of_contacts
@@ -38,12 +38,12 @@ class Validation:
         losses: LossConfig,
         hand: HandModel,
         atlas: ObjectAtlas,
-        execution: ExecutionConfig | None = None,
+        approach: Approach | None = None,
     ) -> None:
         self.config = config
         self.losses = losses
         self.atlas = atlas
-        self._terms = SceneTerms(hand, losses, execution)
+        self._terms = SceneTerms(hand, losses, approach)
         self._kinematics = HandKinematics(hand)
         self._q1 = dataclasses.replace(
             losses.q1, torque_weight=config.torque_weight, directions=DIRECTIONS, floor=True
