@@ -1,8 +1,7 @@
 """MLflow while a sweep runs: a process beside the driver writes, and outlives it.
 
 The driver only holds a pipe to it. When the pipe closes for any reason, the process brings
-MLflow up to date a last time and ends. So the
-runs of a killed driver are shown as killed.
+MLflow up to date a last time and ends. So the runs of a killed driver are shown as killed.
 """
 
 from __future__ import annotations
