@@ -1,4 +1,4 @@
-"""What the verbs share: options, the console, and running stages for a person who watches."""
+"""Options and output that the commands share."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The verbs around a whole experiment: run, status."""
+"""The commands `dmfc sweep` and `dmfc sweep status`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs a graph of stages: each once, as soon as its inputs are there, failures kept apart."""
+"""Runs a graph of stages: each one once, as soon as its inputs are finished."""
 
 from __future__ import annotations
 

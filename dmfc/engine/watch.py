@@ -1,4 +1,4 @@
-"""What a person sees while stages run: a live table in a terminal, plain lines elsewhere."""
+"""Shows progress while stages run: a live table in a terminal, plain lines elsewhere."""
 
 from __future__ import annotations
 

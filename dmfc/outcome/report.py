@@ -1,4 +1,4 @@
-"""How well an outcome predictor does, on trials of objects that it did not learn from."""
+"""Quality of an outcome predictor, on trials of objects that it was not trained on."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The card of a shipped model: what it was trained on, by what code, what was measured of it."""
+"""The card of a shipped model: its training data, its code, and its measured rates."""
 
 from __future__ import annotations
 
