@@ -1,4 +1,4 @@
-"""Verbs on grasps: planning and statistics; exchange has a file of its own."""
+"""The commands that plan grasps and print their statistics; `exchange.py` has the others."""
 
 from __future__ import annotations
 

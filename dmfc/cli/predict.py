@@ -1,4 +1,4 @@
-"""The verbs for who has a cloud and wants grasps: predict, and models."""
+"""The commands `dmfc predict` and `dmfc models`: grasps for a user's cloud."""
 
 from __future__ import annotations
 

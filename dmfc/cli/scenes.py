@@ -1,4 +1,4 @@
-"""The verbs on scenes: make, look at, take along, freeze, and bring one's own."""
+"""The commands on scenes: make, count, show, freeze, and import of a user's clouds."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """YAML as people read it: `012` is twelve or text, `yes` a word, a key given twice an error.
 
 YAML 1.1, which PyYAML follows, reads `012` as ten, `yes` as true and `1:30` as ninety. Here only
-true/false, decimal numbers and null are anything but text (the core schema of YAML 1.2).
+true/false, decimal numbers and null differ from text (the core schema of YAML 1.2).
 """
 
 from __future__ import annotations

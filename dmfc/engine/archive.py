@@ -1,4 +1,4 @@
-"""Finished stages and sweeps as one archive that another store takes in, verified.
+"""Finished stages and sweeps as one archive, which another store verifies and imports.
 
 The archive is a tar (compressed if its name ends in .gz) that begins with `manifest.json`: the
 addresses of its stages, the digest of every file in it, and how many bytes they have in all.

@@ -1,4 +1,4 @@
-"""What a stage's function is given: settings, inputs, where to write, how to report progress."""
+"""The argument of a stage's function: settings, inputs, where to write, how to report progress."""
 
 from __future__ import annotations
 

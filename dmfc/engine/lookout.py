@@ -1,4 +1,4 @@
-"""What Ray is slow to say, or never says: looked up in the ledger and asked of the nodes."""
+"""Finds out what Ray reports late or never, from the ledger and by asking the nodes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where jobs run: in this process one after the other, or on Ray."""
+"""Runs jobs: one after the other in this process, or on Ray."""
 
 from __future__ import annotations
 

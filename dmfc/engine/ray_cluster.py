@@ -1,4 +1,4 @@
-"""Ray: a cluster of its own on this machine, or the one at `run.ray_address`, and its head."""
+"""Ray: a new cluster on this machine or the one at `run.ray_address`, and its head."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""How a sweep stands: which drivers are at work on it, how the last one ended, what failed.
+"""The state of a sweep: its running drivers, how the last one ended, and failures.
 
-A driver holds a lock while it lives. A mark whose lock is free is of a driver that was killed.
+A driver holds a lock while it lives. A mark whose lock is free belongs to a killed driver.
 """
 
 from __future__ import annotations

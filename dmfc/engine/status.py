@@ -1,4 +1,4 @@
-"""What is being done on a sweep now, seen from any process that sees the store."""
+"""The running stages of a sweep, for any process that sees the store."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An archive of stages unpacked without trust: only what its manifest lists, and no more of it."""
+"""Unpacks an archive of stages without trust: only the files and bytes that its manifest lists."""
 
 from __future__ import annotations
 

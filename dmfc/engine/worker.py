@@ -1,4 +1,4 @@
-"""One attempt at one stage, in whatever process it is run: Ray's worker or the driver itself."""
+"""One attempt at one stage, in a worker of Ray or in the driver itself."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from dmfc.objects.model import ObjectModel
     from dmfc.scenes.publish.published import PublishedSet
     from dmfc.scenes.scene_set import Scene
-    from dmfc.sensing.render import View
+    from dmfc.sensing.render import CameraView
 
 SHEET_ROWS = 5
 """Scenes of a contact sheet."""
@@ -99,7 +99,7 @@ def spread(found: PublishedSet) -> list[Scene]:
 
 
 def write_card(
-    found: PublishedSet, views: Sequence[Sequence[View]], hand: HandModel | None
+    found: PublishedSet, views: Sequence[Sequence[CameraView]], hand: HandModel | None
 ) -> None:
     """`views`: of each scene of the sheet."""
     import io

@@ -1,4 +1,4 @@
-"""CoACD in a process of its own: `python -m dmfc.objects.decompose IN.npz OUT.npz SECONDS`.
+"""CoACD in a separate process: `python -m dmfc.objects.decompose IN.npz OUT.npz SECONDS`.
 
 On a few meshes CoACD 1.0 ends its process (an assertion of its triangulation, or a segmentation
 fault), which nothing in that process can catch.

@@ -1,4 +1,4 @@
-"""Meshes: mend them, and refuse what cannot be an object."""
+"""Meshes: repairs them, and refuses those that cannot be an object."""
 
 from __future__ import annotations
 

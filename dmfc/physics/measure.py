@@ -1,4 +1,4 @@
-"""What is measured of a `World` after a step: touch, forces, speeds, torques.
+"""Measurements of a `World` after a step: touch, forces, speeds, torques.
 
 Contacts and their forces are those of the step that was just taken.
 """

@@ -1,4 +1,4 @@
-"""What an evaluation of somebody else's method depends on: its file, or its answers."""
+"""What an evaluation of a foreign method depends on: its file, or its answers."""
 
 from __future__ import annotations
 

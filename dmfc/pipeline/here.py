@@ -1,6 +1,7 @@
-"""What lies outside the store, on this machine: asset packs, and files of the user's own.
+"""Inputs outside the store, on this machine: asset packs, and files of the user.
 
-Whoever planned a stage has seen them. Where they are missing or others, the machine is at fault.
+The process that planned a stage has read them. If they are missing or differ, it is an error of
+the machine.
 """
 
 from __future__ import annotations

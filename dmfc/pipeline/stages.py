@@ -175,15 +175,15 @@ def evaluation_of(
         assert isinstance(folders, list)
         return whole(folders)
 
-    row = config["row"]
+    source = config["row"]
     hand = load_hand(one("hand"), config["closing"])
-    network = load_model(config, inputs, hints, hand) if row == "model" else None
+    network = load_model(config, inputs, hints, hand) if source == "model" else None
     scenes = load_scenes([one("scenes")])
     return Evaluation(
-        row=row,
+        source=source,
         scenes=scenes,
         objects=Objects(several("objects")),
-        grasps=load_grasp_sets(several("grasps")) if row == "planner" else None,
+        grasps=load_grasp_sets(several("grasps")) if source == "planner" else None,
         labels=config.get("labels"),
         network=network,
         hand=hand,
@@ -279,7 +279,7 @@ def _train(ctx: StageContext, stage: Literal["pretrain", "finetune"], weights: P
         batch_size=training.batch_size,
         workers=training.loader_workers,
         seed=training.seed,
-        seeds=ctx.config["network"].levels[0],
+        num_seeds=ctx.config["network"].levels[0],
         validation=load_scenes(ctx.input_list("validation_scenes")) if validated else None,
     )
     validation = ctx.config.get("validation", ValidationConfig())

@@ -1,4 +1,4 @@
-"""Scenes of the user's own: clouds without labels, as a scene set like any other.
+"""Scenes from a user's clouds: a scene set without labels.
 
 A cloud is of the objects alone, in a frame whose z axis points up from the table top at z = 0.
 """

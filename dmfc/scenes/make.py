@@ -21,7 +21,7 @@ from dmfc.scenes.placement import CollisionWorld
 from dmfc.scenes.scene_set import Scene, write_shard
 from dmfc.sensing.cameras import table_cameras
 from dmfc.sensing.cloud import Cloud, fuse_views
-from dmfc.sensing.render import Renderer, View, open_renderer
+from dmfc.sensing.render import CameraView, Renderer, open_renderer
 
 Progress = Callable[[float, str], None]
 _CLOUD, _SENSOR = 3, 4  # random streams of a scene, beside those of `dmfc.scenes.layout`
@@ -131,7 +131,7 @@ class SceneMaker:
             cloud.point_camera[kept],
         )
 
-    def views(self, models: Sequence[ObjectModel], T_world_object: np.ndarray) -> list[View]:
+    def views(self, models: Sequence[ObjectModel], T_world_object: np.ndarray) -> list[CameraView]:
         """The depth images of objects at T_world_object [k, 4, 4], one per camera."""
         return self.renderer.render(self.cameras, models, T_world_object, self.config.table_size)
 

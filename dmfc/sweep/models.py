@@ -1,4 +1,4 @@
-"""What executes a row: a stage of ours, a trained model as it is, or somebody else's method."""
+"""What executes a row: a stage of ours, a trained model as it is, or a foreign method."""
 
 from __future__ import annotations
 

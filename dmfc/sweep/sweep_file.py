@@ -50,7 +50,7 @@ from dmfc.sweep.search import Search, parse_search
 from dmfc.sweep.yaml_checks import mapping, only_keys, shortened, text
 
 RATES = ("valid", "success", "overall")
-KINDS = ("cells", "search")
+SWEEP_KINDS = ("cells", "search")
 KEYS = ("kind", "name", "title", "base", "presets", "seeds", "table", "cells", "matrix", "search")
 BEST = "best"
 """The cell of a search that executes its best trial."""
@@ -163,8 +163,8 @@ def cell_config(
 
 def _search(values: Mapping[str, Any], where: str) -> Search | None:
     kind = str(values.get("kind", "cells"))
-    if kind not in KINDS:
-        raise DmfcError(f"{where}: {unknown_name('kind of sweep', kind, KINDS)}")
+    if kind not in SWEEP_KINDS:
+        raise DmfcError(f"{where}: {unknown_name('kind of sweep', kind, SWEEP_KINDS)}")
     if (kind == "search") != ("search" in values):
         raise DmfcError(f"{where}: 'kind: search' and the key 'search' belong together")
     return parse_search(values["search"], f"{where}: search") if kind == "search" else None

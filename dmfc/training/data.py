@@ -44,7 +44,7 @@ class SceneDataset(Dataset):
         matching: MatchingConfig,
         cameras: CameraConfig,
         augmentation: AugmentationConfig | None = None,
-        seeds: int = 512,
+        num_seeds: int = 512,
         seed: int = 0,
     ) -> None:
         self.scenes = scenes
@@ -54,7 +54,7 @@ class SceneDataset(Dataset):
         self._matching = matching
         self._positions = np.stack([camera.position for camera in table_cameras(cameras)])
         self._augmentation = augmentation
-        self._seeds = seeds
+        self._num_seeds = num_seeds
         self._seed = seed
 
     def __len__(self) -> int:
@@ -79,7 +79,7 @@ class SceneDataset(Dataset):
             normals = transforms.rotate(T_new_world, normals)
             T_world_object = T_new_world @ T_world_object
         points = points.astype(np.float32)
-        seed_index = farthest_points(points, self._seeds)
+        seed_index = farthest_points(points, self._num_seeds)
         seeds = ObservedPoints.of(ObservedPoints(points, normals, point_object), seed_index)
         rows = [self._row(scene, object_id) for object_id in scene.object_ids]
         return SceneItem(
@@ -170,16 +170,18 @@ class SceneData(lightning.LightningDataModule):
         batch_size: int = 4,
         workers: int = 0,
         seed: int = 0,
-        seeds: int = 512,
+        num_seeds: int = 512,
         validation: SceneSet | None = None,
     ) -> None:
         super().__init__()
         shared = (grasps, object_order, palm_reference, matching, config.cameras)
         # even a new order of the points would draw other seeds
         added = None if config.augmentation.nothing else config.augmentation
-        self.train = SceneDataset(train, *shared, added, seeds=seeds, seed=seed)
+        self.train = SceneDataset(train, *shared, added, num_seeds=num_seeds, seed=seed)
         self.validation = (
-            SceneDataset(validation, *shared, seeds=seeds, seed=seed) if validation else None
+            SceneDataset(validation, *shared, num_seeds=num_seeds, seed=seed)
+            if validation
+            else None
         )
         self._batch_size, self._workers, self._seed = batch_size, workers, seed
 

@@ -1,4 +1,4 @@
-"""A batch that made a run stop: saved with all that it takes to compute its losses once more."""
+"""A batch that stopped a run, saved with everything needed to compute its losses again."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The terms of a saved batch once more, to see which of them was not finite, and where."""
+"""Computes the terms of a saved batch again, to find which one was not finite, and where."""
 
 from __future__ import annotations
 

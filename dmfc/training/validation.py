@@ -1,4 +1,4 @@
-"""What predictions are worth, measured without a simulator."""
+"""Quality of predictions, measured without a simulator."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ from dmfc.hand.model import HandModel
 from dmfc.scenes.matching import match_grasps
 from dmfc.scenes.scene_grasps import SceneGrasps, grasps_in_scene
 from dmfc.scenes.scene_set import Scene
-from dmfc.sensing.render import View
+from dmfc.sensing.render import CameraView
 from dmfc.visualization.drawing import Pieces, bounds, cloud_pieces, draw, hand_pieces
 
 COLOURS = ["#4269d0", "#efb118", "#ff725c", "#3ca951", "#a463f2", "#97bbf5", "#9c6b4e"]
@@ -35,7 +35,7 @@ Panel = Callable[[Any], None]
 def scene_picture(
     scene: Scene,
     path: Path,
-    views: Sequence[View] = (),
+    views: Sequence[CameraView] = (),
     grasps: Mapping[str, GraspSet] | None = None,
     hand: HandModel | None = None,
     matching: MatchingConfig | None = None,
@@ -55,7 +55,7 @@ def scene_picture(
 
 def contact_sheet(
     scenes: Sequence[Scene],
-    views: Sequence[Sequence[View]],
+    views: Sequence[Sequence[CameraView]],
     path: Path | BinaryIO,
     grasps: Mapping[str, GraspSet] | None = None,
     hand: HandModel | None = None,
@@ -185,11 +185,11 @@ def _colours(scene: Scene) -> np.ndarray:
     return np.array([to_rgb(COLOURS[k % len(COLOURS)]) for k in scene.point_object])
 
 
-def _depth_panel(view: View, number: int) -> Panel:
+def _depth_panel(view: CameraView, number: int) -> Panel:
     return lambda axes: _depth_image(axes, view, number)
 
 
-def _depth_image(axes: Any, view: View, number: int) -> None:
+def _depth_image(axes: Any, view: CameraView, number: int) -> None:
     """The part of the image around the objects, which are outlined."""
     is_object = view.object_index >= 0
     where = np.argwhere(is_object)

@@ -1,4 +1,4 @@
-"""What the readers of other projects' files give, and how they read numbers out of them."""
+"""The record of foreign grasps, and how readers take numbers from files of other projects."""
 
 from __future__ import annotations
 

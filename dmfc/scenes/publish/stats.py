@@ -1,4 +1,4 @@
-"""What a scene set holds: counts, how many labels match, and why labels were dropped."""
+"""Statistics of a scene set: counts, matched labels, and reasons for dropped labels."""
 
 from __future__ import annotations
 
