@@ -24,26 +24,29 @@ def to_markdown(table: SweepTable) -> str:
         head += [f"{name} ± s.e. [95 %]", "paper"]
     head += method_head(table)
     lines = [
-        f"## {_markdown(table.title)}",
+        f"## {markdown_text(table.title)}",
         "",
         f"Sweep `{table.id}`, preset `{table.preset}`.",
         "",
     ]
-    lines += [_markdown_row(head), _markdown_row(["---"] * len(head))]
+    lines += [markdown_row(head), markdown_row(["---"] * len(head))]
     for row in table.rows:
-        cells = [_markdown(row.label), str(row.trials)]
+        cells = [markdown_text(row.label), str(row.trials)]
         for name in table.show:
             cells += [rate_text(row.rate(name)), paper_text(row, name)]
         cells += method_cells(table, row)
-        lines.append(_markdown_row(cells))
+        lines.append(markdown_row(cells))
     lines += ["", left_out_line(table.left_out)]
     for row in table.rows:
         if row.failure:
-            lines += ["", f"**{_markdown(row.label)}: incomplete.** {_markdown(row.failure)}"]
+            lines += [
+                "",
+                f"**{markdown_text(row.label)}: incomplete.** {markdown_text(row.failure)}",
+            ]
     if table.trials:
-        head, *body = [list(map(_markdown, line)) for line in trial_lines(table.trials)]
-        lines += ["", "### Trials of the search", "", _markdown_row(head)]
-        lines += [_markdown_row(["---"] * len(head)), *(_markdown_row(line) for line in body)]
+        head, *body = [list(map(markdown_text, line)) for line in trial_lines(table.trials)]
+        lines += ["", "### Trials of the search", "", markdown_row(head)]
+        lines += [markdown_row(["---"] * len(head)), *(markdown_row(line) for line in body)]
     lines += ["", "### Overall rate per object", "", *_markdown_objects(table)]
     lines += ["", "### Why grasps did not hold", "", *_markdown_reasons(table)]
     return "\n".join(lines) + "\n"
@@ -179,15 +182,15 @@ def _json_rate(rate: Rate) -> dict[str, Any]:
 
 def _markdown_objects(table: SweepTable) -> list[str]:
     names = sorted({name for row in table.rows for name in row.objects})
-    lines = [_markdown_row(["object", *(_markdown(row.label) for row in table.rows)])]
-    lines.append(_markdown_row(["---"] * (len(table.rows) + 1)))
+    lines = [markdown_row(["object", *(markdown_text(row.label) for row in table.rows)])]
+    lines.append(markdown_row(["---"] * (len(table.rows) + 1)))
     for name in names:
-        cells = [_markdown(name)]
+        cells = [markdown_text(name)]
         for row in table.rows:
             found = row.objects.get(name)
             has = found is not None and found.overall.value is not None
             cells.append(f"{found.overall.value:.2f} ({found.overall.trials})" if has else "–")  # type: ignore[union-attr]
-        lines.append(_markdown_row(cells))
+        lines.append(markdown_row(cells))
     return lines
 
 
@@ -195,15 +198,16 @@ def _markdown_reasons(table: SweepTable) -> list[str]:
     lines = []
     for row in table.rows:
         counts = ", ".join(f"{reason} {count}" for reason, count in row.reasons.items())
-        lines.append(f"- **{_markdown(row.label)}**: {_markdown(counts) or 'all held'}")
+        lines.append(f"- **{markdown_text(row.label)}**: {markdown_text(counts) or 'all held'}")
     return lines
 
 
-def _markdown_row(cells: list[str]) -> str:
+def markdown_row(cells: list[str]) -> str:
+    """A line of a Markdown table."""
     return "| " + " | ".join(cells) + " |"
 
 
-def _markdown(text: str) -> str:
+def markdown_text(text: str) -> str:
     """Text as Markdown shows it: every sign as itself."""
     return re.sub(r"([\\`*_{}\[\]<>#|$&~])", r"\\\1", _one_line(text))
 
