@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dmfc.config.custom_function import own_function
+from dmfc.config.custom_function import is_own, own_class, own_function
 from dmfc.config.execution import ExecutionConfig
 from dmfc.config.losses import LossWeights, Q1Config
 from dmfc.config.protocol import executed
@@ -24,7 +24,7 @@ from dmfc.errors import DmfcError
 from dmfc.files.digest import file_digest
 from dmfc.grasps.library import in_library, library_file, library_folder
 from dmfc.hand.description import own_hand_digest
-from dmfc.network.model_files import WEIGHTS
+from dmfc.network.model_files import BACKBONE, WEIGHTS
 from dmfc.pipeline.graph_method import method_settings
 from dmfc.pipeline.graph_outcome import judge
 from dmfc.pipeline.kinds import KINDS
@@ -255,11 +255,15 @@ class GraphBuilder:
             "execution": _in_units(under),
             "physics": under.physics,
         }
+        if is_own(under.execution.test):
+            settings["own_test"] = own_class(under.execution.test, "execution.test").digest
         if method is not None:
             own, hints = method_settings(method)
             settings |= own
         if checkpoint:
             settings["weights"] = file_digest(checkpoint / WEIGHTS)
+            if (checkpoint / BACKBONE).is_file():
+                settings["backbone"] = file_digest(checkpoint / BACKBONE)
             hints["weights"] = str(checkpoint)
         inputs: Inputs = {
             "hand": self.hand(config),
@@ -294,8 +298,13 @@ class GraphBuilder:
 
     def _learning(self, config: Config) -> dict[str, Any]:
         """Settings that both stages of training depend on; validation where there is any."""
-        validation = {"validation": config.validation} if config.validation.objects else {}
-        return validation | {
+        more: dict[str, Any] = {}
+        if config.validation.objects:
+            more["validation"] = config.validation
+        if is_own(config.network.backbone):
+            backbone = own_class(config.network.backbone, "network.backbone")
+            more["own_backbone"] = {config.network.backbone: backbone.digest}
+        return more | {
             "hand": config.hand,
             "network": config.network,
             "matching": config.matching,

@@ -7,6 +7,7 @@ import hashlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dmfc.config.custom_function import is_own, own_class
 from dmfc.config.protocol import executed
 from dmfc.config.scenes import SceneSetConfig
 from dmfc.config.schema import Config
@@ -112,6 +113,8 @@ def _shard(
         "start": numbers.start,
         "stop": numbers.stop,
     }
+    if is_own(under.execution.test):
+        settings["own_test"] = own_class(under.execution.test, "execution.test").digest
     inputs: Inputs = {"hand": builder.hand(config)}
     if isinstance(proposer, Path):
         settings["weights"] = file_digest(proposer / WEIGHTS)

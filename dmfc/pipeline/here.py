@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import functools
 import platform
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from dmfc.engine.context import StageContext
 from dmfc.engine.stage import Stage
@@ -57,6 +57,34 @@ def require_same(what: str, found: str, planned: str) -> None:
             f"{what} is not the same on {platform.node()} as where the stage was planned (has it "
             "changed since? run the same line again)"
         )
+
+
+def check_own_losses(digests: Mapping[str, str]) -> None:
+    """Raises MachineError where the file of a user's loss is not that of the stage's key."""
+    from dmfc.config.custom_function import own_function
+
+    for text, digest in digests.items():
+        found = own_function(text, "losses.own").digest
+        require_same(f"losses.own: the file of '{text}'", found, digest)
+
+
+def check_own_backbone(digests: Mapping[str, str]) -> None:
+    """Raises MachineError where the file of a user's backbone is not that of the stage's key."""
+    from dmfc.config.custom_function import own_class
+
+    for text, digest in digests.items():
+        found = own_class(text, "network.backbone").digest
+        require_same(f"network.backbone: the file of '{text}'", found, digest)
+
+
+def check_own_test(config: Mapping[str, Any]) -> None:
+    """Raises MachineError where the file of a user's test is not that of the stage's key."""
+    from dmfc.config.custom_function import own_class
+
+    if "own_test" in config:
+        text = config["execution"].test
+        found = own_class(text, "execution.test").digest
+        require_same(f"execution.test: the file of '{text}'", found, config["own_test"])
 
 
 def source_here(ctx: StageContext) -> ObjectSource:

@@ -27,7 +27,14 @@ from dmfc.pipeline.artifacts import (
     load_object,
     load_scenes,
 )
-from dmfc.pipeline.here import require_same, source_here, with_packs
+from dmfc.pipeline.here import (
+    check_own_backbone,
+    check_own_losses,
+    check_own_test,
+    require_same,
+    source_here,
+    with_packs,
+)
 
 if TYPE_CHECKING:
     from dmfc.execution.evaluate import Evaluation
@@ -167,6 +174,7 @@ def evaluation_of(
         assert isinstance(folders, list)
         return whole(folders)
 
+    check_own_test(config)
     row = config["row"]
     hand = load_hand(one("hand"), config["closing"])
     network = None
@@ -242,6 +250,7 @@ def _train(ctx: StageContext, stage: Literal["pretrain", "finetune"], weights: P
 
     training = ctx.config["training"]
     check_own_losses(ctx.config.get("own_losses", {}))
+    check_own_backbone(ctx.config.get("own_backbone", {}))
     hand, atlas = training_geometry(ctx.inputs)
     grasps = load_grasp_sets(present(ctx.input_list("grasps")))
     if not any(len(found) for found in grasps.values()):
@@ -267,15 +276,6 @@ def _train(ctx: StageContext, stage: Literal["pretrain", "finetune"], weights: P
     config = FitConfig(ctx.config["network"], ctx.config["losses"], training, validation)
     digest = data_digest(ctx.inputs)
     fit(stage, config, hand, data, atlas, ctx.out, ctx.work, weights, digest, ctx.progress)
-
-
-def check_own_losses(digests: Mapping[str, str]) -> None:
-    """Raises MachineError where the file of a user's loss is not that of the stage's key."""
-    from dmfc.config.custom_function import own_function
-
-    for text, digest in digests.items():
-        found = own_function(text, "losses.own").digest
-        require_same(f"losses.own: the file of '{text}'", found, digest)
 
 
 def training_geometry(
