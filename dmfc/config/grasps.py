@@ -112,25 +112,28 @@ class GraspsConfig:
         least=-0.05,
         greatest=0.05,
     )
-    approach: float = setting(
+    pregrasp_distance: float = setting(
         0.1,
-        "Length of the open hand's approach, along the palm normal.",
+        "Distance of the pre-grasp from the grasp, back along the palm normal.",
         unit="m",
         least=0,
         greatest=1,
+        formerly="approach",
     )
-    approach_steps: int = setting(
+    waypoints: int = setting(
         6,
         "Poses of the approach that are checked for collision with the object.",
         least=1,
         greatest=1000,
+        formerly="approach_steps",
     )
-    approach_depth: float = setting(
+    approach_tolerance: float = setting(
         0.001,
-        "Penetration that is allowed on the approach.",
+        "Penetration of the open hand into the object that is allowed on the approach.",
         unit="m",
         least=0,
         greatest=0.1,
+        formerly="approach_depth",
     )
     close_range: float = setting(
         1.8,

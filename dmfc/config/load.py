@@ -15,7 +15,7 @@ from omegaconf.errors import OmegaConfBaseException
 from dmfc.config.interpolation import refuse_interpolation
 from dmfc.config.plain_yaml import parse_yaml
 from dmfc.config.presets import Presets, preset_layers
-from dmfc.config.ranges import all_types, fault
+from dmfc.config.ranges import all_types, fault, former_keys
 from dmfc.config.schema import Config
 from dmfc.errors import DmfcError, first_line
 
@@ -140,6 +140,14 @@ def nearest_key(key: str, choices: Iterable[str]) -> str | None:
     return best if best is not None and likeness(best) >= LIKE else None
 
 
+def key_hint(key: str) -> str:
+    """The end of an error about an unknown key: its present name, the nearest one, or nothing."""
+    if key in former_keys():
+        return f", which is now called '{former_keys()[key]}'"
+    near = nearest_key(key, all_keys())
+    return f"; did you mean '{near}'?" if near else ""
+
+
 def open_tree(values: Mapping[str, Any], where: str) -> dict[str, Any]:
     """`values` with dotted keys opened out, after checking every key against the schema."""
     refuse_interpolation(values, where)
@@ -149,9 +157,7 @@ def open_tree(values: Mapping[str, Any], where: str) -> dict[str, Any]:
         for name, value in node.items():
             key = f"{prefix}{name}"
             if key not in all_keys():
-                near = nearest_key(key, all_keys())
-                hint = f"; did you mean '{near}'?" if near else ""
-                raise DmfcError(f"{where}: unknown setting '{key}'{hint}")
+                raise DmfcError(f"{where}: unknown setting '{key}'{key_hint(key)}")
             group = all_keys()[key]
             if group is None:
                 _assign(root, key, value, where)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from dmfc.config.setting import setting
+from dmfc.config.setting import KEYS_VERSION, setting
 
 HEAVIEST = 1e6
 """Greatest weight of a term."""
@@ -37,6 +37,14 @@ class LossWeights:
         least=0,
         greatest=HEAVIEST,
     )
+    swept: float = setting(
+        0.0,
+        "Weight of the swept collision: the opened hand on the approach and the closed hand at "
+        "the grasp, as execution plans them. Not a term of the paper.",
+        least=0,
+        greatest=HEAVIEST,
+        later=KEYS_VERSION,
+    )
 
 
 @dataclass(frozen=True)
@@ -66,6 +74,14 @@ class Q1Config:
         "A contact may press less than its full force, so that Q1 is at least 0. False keeps a "
         "gradient below 0.",
     )
+    worst: int = setting(
+        1,
+        "Number of the worst directions whose mean is the upper bound. 1: the minimum, as in the "
+        "paper, of which one contact and one direction have a gradient.",
+        least=1,
+        greatest=64,
+        later=KEYS_VERSION,
+    )
 
 
 @dataclass(frozen=True)
@@ -79,6 +95,42 @@ class Q1LowerConfig:
         greatest=10_000,
     )
     edges: int = setting(6, "Edges of the pyramid inside each friction cone.", least=3, greatest=64)
+
+
+@dataclass(frozen=True)
+class GuidanceConfig:
+    points: Literal["all", "tips"] = setting(
+        "all", "Inner points that are drawn: all, as in the paper, or those of the finger tips."
+    )
+    reach: float = setting(
+        0.0,
+        "Inner points farther from the surface are not drawn to it; 0: all are.",
+        unit="m",
+        least=0,
+        greatest=1,
+    )
+
+
+@dataclass(frozen=True)
+class SweptConfig:
+    """The swept collision: what it forbids more strictly than execution does."""
+
+    margin: float = setting(
+        0.005,
+        "By how much less penetration the opened hand may have on the approach than "
+        "execution.approach_tolerance; above that tolerance it is a clearance.",
+        unit="m",
+        least=0,
+        greatest=0.1,
+    )
+    grasp_tolerance: float = setting(
+        0.015,
+        "Penetration of the closed hand into its object that costs nothing. Execution refuses "
+        "what is beyond execution.grasp_tolerance.",
+        unit="m",
+        least=0,
+        greatest=0.2,
+    )
 
 
 @dataclass(frozen=True)
@@ -111,6 +163,14 @@ class LengthUnits:
         least=1e-7,
         greatest=100,
     )
+    swept: float = setting(
+        2e-4,
+        "Unit of the swept collision, which is a mean over all points and poses.",
+        unit="m",
+        least=1e-7,
+        greatest=100,
+        later=KEYS_VERSION,
+    )
 
 
 @dataclass(frozen=True)
@@ -120,6 +180,22 @@ class LossConfig:
     units: LengthUnits = setting(LengthUnits, "Units of length of collision and guidance.")
     self_collision: bool = setting(
         True, "The collision term also counts penetration of the hand's own links."
+    )
+    swept: SweptConfig = setting(SweptConfig, "The swept collision.", later=KEYS_VERSION)
+    guidance: GuidanceConfig = setting(
+        GuidanceConfig, "What guidance draws to the surface.", later=KEYS_VERSION
+    )
+    relative: bool = setting(
+        False,
+        "Every term but chamfer counts only beyond its value at the nearest label, so that a "
+        "verified grasp costs nothing.",
+        later=KEYS_VERSION,
+    )
+    saturated: bool = setting(
+        False,
+        "Collision and swept collision count as log(1 + x): a few deep penetrations then do not "
+        "outweigh all other predictions.",
+        later=KEYS_VERSION,
     )
     q1: Q1Config = setting(Q1Config, "The grasp quality Q1.")
     q1_lower: Q1LowerConfig = setting(Q1LowerConfig, "The lower bound of Q1.")

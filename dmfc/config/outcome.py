@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 from dmfc.config.scenes import SensorConfig
-from dmfc.config.setting import GREATEST_SEED, setting
+from dmfc.config.setting import GREATEST_SEED, KEYS_VERSION, setting
 
 
 @dataclass(frozen=True)
@@ -78,6 +79,12 @@ class OutcomeConfig:
         "",
         "Predictor that is used: train, a shipped model's name or a folder; empty: the predictor "
         "in the folder of the evaluated model, or else train.",
+    )
+    form: Literal["features", "head"] = setting(
+        "features",
+        "What learns: networks of geometric features of each grasp, or the model's own confidence "
+        "head with all else frozen (head, as in the paper).",
+        later=KEYS_VERSION,
     )
     rollouts: RolloutsConfig = setting(RolloutsConfig, "The trials that it learns from.")
     members: int = setting(

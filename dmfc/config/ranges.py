@@ -27,6 +27,16 @@ def all_types() -> dict[str, Any]:
     return {key: kind for key, _, kind in _walk(Config, "")}
 
 
+@cache
+def former_keys() -> dict[str, str]:
+    """The key of each renamed setting, by its former key."""
+    return {
+        f"{key.rpartition('.')[0]}.{field.metadata['formerly']}": key
+        for key, field in all_fields().items()
+        if field.metadata.get("formerly")
+    }
+
+
 def _walk(cls: type, prefix: str) -> Iterator[tuple[str, dataclasses.Field, Any]]:
     hints = typing.get_type_hints(cls)
     for field in dataclasses.fields(cls):

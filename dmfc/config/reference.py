@@ -14,8 +14,8 @@ from dmfc.config.load import (
     Overlay,
     all_keys,
     build_config,
+    key_hint,
     leaves,
-    nearest_key,
     open_tree,
     parse_override,
     value_of,
@@ -80,9 +80,7 @@ def described(
 def _selected(selector: str) -> list[str]:
     keys = [key for key, group in all_keys().items() if group is None]
     if selector and selector not in all_keys():
-        near = nearest_key(selector, all_keys())
-        hint = f"; did you mean '{near}'?" if near else ""
-        raise DmfcError(f"unknown setting or group '{selector}'{hint}")
+        raise DmfcError(f"unknown setting or group '{selector}'{key_hint(selector)}")
     prefix = f"{selector}."
     return [key for key in keys if not selector or key == selector or key.startswith(prefix)]
 

@@ -242,12 +242,13 @@ class ScenesConfig:
     shard_size: int = setting(
         25, "Scenes per shard. A shard is one stage.", least=1, greatest=100_000
     )
-    clearance: float = setting(
+    approach_tolerance: float = setting(
         0.0,
-        "Penetration of the hand into table or neighbours that is allowed for labels.",
+        "Penetration of the open or closed hand into table or neighbours that labels may have.",
         unit="m",
         least=-0.1,
         greatest=0.1,
+        formerly="clearance",
     )
     augmentation: AugmentationConfig = setting(
         AugmentationConfig, "Augmentation of training scenes."

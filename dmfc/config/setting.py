@@ -9,8 +9,8 @@ from typing import Any
 KEYS_VERSION = 2
 """Version of the settings' part of stage keys. A higher one makes every stage anew.
 
-Raise it to rename a setting or to change a default, and then drop the marks `later` of settings
-that came before. 1 had the settings of the paper as defaults, and `hand.opening`.
+Raise it to change a default, and then drop the marks `later` and `formerly` of settings that came
+before. 1 had the settings of the paper as defaults, and `hand.opening`.
 """
 GREATEST_SEED = 2**31 - 1
 """What a seed may be at most."""
@@ -26,6 +26,7 @@ def setting(
     length: int | None = None,
     resource: bool = False,
     later: int = 0,
+    formerly: str = "",
 ) -> Any:
     """A dataclass field with `default` (copied if mutable) and a sentence of help.
 
@@ -38,6 +39,9 @@ def setting(
     which must mean what was done before there was such a setting: finished stages keep their
     keys. The next version ends that by itself: the setting enters all keys, and its default may
     change.
+
+    `formerly` is the name that the setting had before. It enters keys under that name, so that
+    finished stages keep theirs, and whoever still writes it learns the new name.
     """
     metadata = {
         "help": help,
@@ -47,6 +51,7 @@ def setting(
         "length": length,
         "resource": resource,
         "later": later,
+        "formerly": formerly,
     }
     if isinstance(default, type):
         return dataclasses.field(default_factory=default, metadata=metadata)
@@ -77,3 +82,8 @@ def enters_key(field: dataclasses.Field, value: Any) -> bool:
         return False
     still_later = field.metadata.get("later", 0) == KEYS_VERSION
     return not (still_later and value == default_of(field))
+
+
+def key_name(field: dataclasses.Field) -> str:
+    """The name under which `field` enters a stage's key (see `setting`)."""
+    return field.metadata.get("formerly") or field.name

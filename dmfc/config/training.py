@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from dmfc.config.setting import GREATEST_SEED, setting
+from dmfc.config.setting import GREATEST_SEED, KEYS_VERSION, setting
 
 
 @dataclass(frozen=True)
@@ -24,6 +24,33 @@ class StageSchedule:
 
 
 @dataclass(frozen=True)
+class ProjectionConfig:
+    """Projected targets: how far a prediction is moved down its own terms."""
+
+    weight: float = setting(
+        4.0,
+        "Weight of the squared distance to the moved prediction, beside that of chamfer.",
+        least=0,
+        greatest=1e6,
+    )
+    steps: int = setting(8, "Steps of each prediction.", least=1, greatest=1000)
+    position: float = setting(
+        0.01, "Greatest motion of the palm.", unit="m", least=1e-6, greatest=1
+    )
+    angle: float = setting(
+        0.17, "Greatest rotation of the palm.", unit="rad", least=1e-6, greatest=3
+    )
+    joints: float = setting(0.2, "Greatest change of a joint.", unit="rad", least=1e-6, greatest=3)
+    worse: float = setting(
+        0.1,
+        "Share by which a single term may grow above its value at the prediction. A step after "
+        "which one is above that, or their sum has not fallen, is not taken.",
+        least=0,
+        greatest=100,
+    )
+
+
+@dataclass(frozen=True)
 class TrainingConfig:
     batch_size: int = setting(4, "Scenes per batch.", least=1, greatest=4096)
     pretrain: StageSchedule = setting(
@@ -39,10 +66,34 @@ class TrainingConfig:
         least=0,
         greatest=1_000_000,
     )
-    hard_error: Literal["task", "weighted"] = setting(
+    hard_error: Literal["task", "weighted", "random"] = setting(
         "weighted",
         "Error that ranks the predictions. 'task': the task loss; 'weighted': the confidence "
-        "times the task loss.",
+        "times the task loss; 'random': none, they are drawn at random.",
+    )
+    finetune_form: Literal["gradient", "projected"] = setting(
+        "gradient",
+        "How the terms other than chamfer move the network in fine-tuning. 'gradient': by the "
+        "gradient of their sum, as in the paper; 'projected': each prediction is moved down its "
+        "own terms by bounded steps, and the network is drawn to where it went.",
+        later=KEYS_VERSION,
+    )
+    finetune_from: str = setting(
+        "",
+        "Trained model that fine-tuning starts from: a shipped one's name or a folder. Empty: "
+        "the pre-training of these settings.",
+        later=KEYS_VERSION,
+    )
+    projection: ProjectionConfig = setting(
+        ProjectionConfig, "Projected targets.", later=KEYS_VERSION
+    )
+    diagnostic_scenes: int = setting(
+        0,
+        "Training scenes on which it is measured after each epoch of fine-tuning what the terms do "
+        "to predictions and labels; 0: none.",
+        least=0,
+        greatest=1000,
+        later=KEYS_VERSION,
     )
     hard_scope: Literal["batch", "scene"] = setting(
         "scene", "Whether the hardest predictions are chosen in the whole batch or in each scene."

@@ -10,7 +10,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
 
-from dmfc.config.setting import KEYS_VERSION, enters_key
+from dmfc.config.setting import KEYS_VERSION, enters_key, key_name
 from dmfc.files.digest import text_digest
 
 T = TypeVar("T")
@@ -93,13 +93,13 @@ def key_of(kind: str, version: int, config: Any, inputs: Any) -> str:
 
 
 def plain(value: Any) -> Any:
-    """`value` as JSON's types, without what enters no key (`setting`); whole floats stay floats.
+    """`value` as JSON's types, as it enters a key (`setting`); whole floats stay floats.
 
     Raises TypeError on anything that has no stable text form.
     """
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {
-            item.name: plain(getattr(value, item.name))
+            key_name(item): plain(getattr(value, item.name))
             for item in dataclasses.fields(value)
             if enters_key(item, getattr(value, item.name))
         }

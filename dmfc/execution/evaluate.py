@@ -38,6 +38,7 @@ from dmfc.network.inference import predict
 from dmfc.network.model import DmfcGraspNet
 from dmfc.objects.model import ObjectModel
 from dmfc.outcome.features import FeatureMaker, SeededGrasps
+from dmfc.outcome.head import HeadJudge
 from dmfc.outcome.judge import Judge
 from dmfc.prediction.cloud_check import CloudCheck
 from dmfc.scenes.labels import HandAtGrasps, surviving_labels
@@ -67,7 +68,7 @@ class Evaluation:
     config: ExecutionConfig
     labels: ScenesConfig | None = None
     """How the planner's row labels the scenes; None: they have their labels."""
-    judge: Judge | None = None
+    judge: Judge | HeadJudge | None = None
     """Ranks the proposals; None: their confidence does."""
     method: Method | None = None
     """For the rows 'method' and 'answers' alone."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dmfc.config.execution import ExecutionConfig
+from dmfc.hand.approach import Approach
 from dmfc.hand.model import HandModel
 from dmfc.physics.world import pose_to_qpos
 
@@ -69,8 +70,7 @@ def plan_trajectory(
     T_grasp: T_world_palm [4, 4]; joints: [D] rad, clamped to the limits.
     """
     joints = np.clip(joints, hand.lower, hand.upper)
-    normal = T_grasp[:3, :3] @ hand.palm_normal
-    T_pregrasp = _moved(T_grasp, -config.pregrasp_distance * normal)
+    T_pregrasp = Approach.of_execution(config).pregrasp(T_grasp, hand)
     rise = max(config.min_rise, config.rest_height - T_grasp[2, 3])
     T_lifted = _moved(T_grasp, np.array([0.0, 0.0, rise]))
     T_raised = T_pregrasp.copy()

@@ -15,6 +15,7 @@ from dmfc.config.execution import ExecutionConfig
 from dmfc.execution.outcome import Outcome
 from dmfc.execution.trajectory import Trajectory, plan_trajectory
 from dmfc.execution.watch import Watch
+from dmfc.hand.approach import Approach
 from dmfc.hand.model import HandModel
 from dmfc.physics.measure import Depths, depths
 from dmfc.physics.world import World
@@ -74,21 +75,14 @@ class TrialRunner:
 
         The open hand is checked from the pre-grasp to the grasp pose, then the closed hand there.
         """
-        config = self.config
-        pre, grasp = trajectory.T_pregrasp, trajectory.T_grasp
-        for share in np.linspace(0.0, 1.0, config.waypoints):
-            T = grasp.copy()
-            T[:3, 3] = pre[:3, 3] + share * (grasp[:3, 3] - pre[:3, 3])
-            deep = self._depths(T, trajectory.opened, target, outcome)
-            if deep.table > config.approach_tolerance:
+        approach = Approach.of_execution(self.config)
+        for stop in approach.stops(trajectory.T_grasp, trajectory.closed, self.hand):
+            depth = self._depths(stop.T_palm, stop.joints, target, outcome)
+            if depth.table > stop.table_tolerance:
                 return "plan: table"
-            if max(deep.target, deep.others) > config.approach_tolerance:
+            if depth.target > stop.target_tolerance or depth.others > stop.tolerance:
                 return "plan: object"
-        deep = self._depths(grasp, trajectory.closed, target, outcome)
-        if deep.table > config.approach_tolerance:
-            return "plan: table"
-        inside = deep.target > config.grasp_tolerance or deep.others > config.approach_tolerance
-        return "plan: object" if inside else ""
+        return ""
 
     def _depths(
         self, T_world_palm: np.ndarray, joints: np.ndarray, target: int, outcome: Outcome

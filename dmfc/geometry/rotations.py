@@ -36,3 +36,27 @@ def geodesic_angle(first: Tensor, second: Tensor) -> Tensor:
     skew = (relative - relative.transpose(-1, -2)) / 2
     sine = torch.stack([skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]], dim=-1).norm(dim=-1)
     return torch.atan2(sine, cosine)
+
+
+def axis_angle_matrix(vector: Tensor) -> Tensor:
+    """Rotation by |v| rad about v, [..., 3] -> [..., 3, 3]; differentiable at 0, too."""
+    x, y, z = vector.unbind(-1)
+    skew = torch.stack(
+        [
+            torch.stack([0 * x, -z, y], dim=-1),
+            torch.stack([z, 0 * x, -x], dim=-1),
+            torch.stack([-y, x, 0 * x], dim=-1),
+        ],
+        dim=-2,
+    )
+    return torch.linalg.matrix_exp(skew)
+
+
+def rotation_vector(rotation: Tensor) -> Tensor:
+    """Axis times angle in rad of rotations below pi, [..., 3, 3] -> [..., 3]."""
+    skew = (rotation - rotation.transpose(-1, -2)) / 2
+    axis = torch.stack([skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]], dim=-1)
+    sine = axis.norm(dim=-1, keepdim=True)
+    cosine = (rotation.diagonal(dim1=-2, dim2=-1).sum(-1, keepdim=True) - 1) / 2
+    small = torch.finfo(rotation.dtype).eps
+    return axis * torch.where(sine > small, torch.atan2(sine, cosine) / sine.clamp(min=small), 1.0)

@@ -325,12 +325,13 @@ def reachable(
     joints: np.ndarray,
     back: np.ndarray,
     planes: np.ndarray,
-    distances: np.ndarray,
-    depth: float,
+    offsets: np.ndarray,
+    tolerance: float,
 ) -> np.ndarray:
     """[B] whether the hand, `opened` and closed, is above the table, and comes there open.
 
-    It comes from `distances` along back [B, 3] and may be `depth` inside the object on the way.
+    It comes along back [B, 3], where it is checked at `offsets` [W] from the grasp, and may be
+    `tolerance` inside the object (`dmfc.hand.approach`).
     """
     links = len(hand.parents)
     R, t, still = np.empty((links, 3, 3)), np.empty((links, 3)), np.zeros(3)
@@ -341,11 +342,11 @@ def reachable(
         if fits:
             place(hand, rotation[b], position[b], opened[b], R, t)
             fits = above(hand, R, t, still, planes[b])
-        for distance in distances:
+        for offset in offsets:
             if not fits:
                 break
-            shift = distance * back[b]
-            fits = deepest(hand, R, t, ALL, shift, grid, depth, depth) <= depth
+            shift = offset * back[b]
+            fits = deepest(hand, R, t, ALL, shift, grid, tolerance, tolerance) <= tolerance
         found[b] = fits
     return found
 

@@ -14,6 +14,7 @@ import torch
 from dmfc.config.grasps import GraspsConfig
 from dmfc.grasps import hand_kernel
 from dmfc.grasps.grasps import Grasps
+from dmfc.hand.approach import Approach
 from dmfc.hand.description import HandDescription
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.model import HandModel
@@ -170,10 +171,11 @@ class Proposer:
     ) -> np.ndarray:
         """[B] whether the hand keeps off the table, and gets there open without hitting the object.
 
-        The way there is along the palm normal, from as far as the trials of execution come.
+        It comes by `Approach.of_planner`.
         Palms [B, 3] and [B, 3, 3], joints [B, D], stable poses [B] (-1: no table).
         """
-        config = self.config
+        approach, planes = Approach.of_planner(self.config), self._supports(stable_pose)
+        planes[:, 3] += approach.table_tolerance
         return hand_kernel.reachable(
             self._hand,
             self._grid,
@@ -182,9 +184,9 @@ class Proposer:
             self.hand.opened(joints),
             joints,
             self._back(rotation),
-            self._supports(stable_pose),
-            np.linspace(0.0, config.approach, config.approach_steps),
-            config.approach_depth,
+            planes,
+            approach.offsets,
+            approach.tolerance,
         )
 
     def _back(self, rotation: np.ndarray) -> np.ndarray:

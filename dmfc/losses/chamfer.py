@@ -25,12 +25,18 @@ def chamfer(prediction: Tensor, labels: Tensor, match: Tensor) -> Tensor:
     """
     if labels.shape[-2] == 0:
         return prediction.new_zeros(prediction.shape[:-1])
-    # Only the choice comes from the distances of all pairs: they lose digits to cancellation.
-    with torch.no_grad():
-        apart = torch.cdist(prediction, labels).masked_fill(~match, torch.inf)
-        closest = apart.argmin(dim=-1, keepdim=True)
+    closest = closest_label(prediction, labels, match)[..., None]
     label = labels.gather(-2, closest.expand(*closest.shape[:-1], labels.shape[-1]))
     return grasp_distance(prediction, label) * match.any(dim=-1)
+
+
+@torch.no_grad()
+def closest_label(prediction: Tensor, labels: Tensor, match: Tensor) -> Tensor:
+    """Index in labels of the closest of G_i, [..., n]; of any where G_i is empty. As `chamfer`.
+
+    Only a choice: distances of all pairs lose digits to cancellation.
+    """
+    return torch.cdist(prediction, labels).masked_fill(~match, torch.inf).argmin(dim=-1)
 
 
 def grasp_distance(prediction: Tensor, label: Tensor) -> Tensor:

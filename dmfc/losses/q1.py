@@ -55,23 +55,25 @@ def q1_of_contacts(arms: Tensor, normals: Tensor, distance: Tensor, config: Q1Co
     arms: [n, V, 3] contact points relative to the point that torques are about, metres; normals:
     [n, V, 3] outward unit normals of the object; distance: [n, V] signed distance, metres.
     Of each minimum over directions and maximum over contacts only the element that attains it has a
-    gradient, so only that one is computed with a graph.
+    gradient, so only that one is computed with a graph. With `worst` above 1 it is the mean over so
+    many directions, those of the least support: it is never below the minimum.
     """
     directions = lattice_directions(config.directions).to(arms)
     force, torque = directions[:, :3], config.torque_weight * directions[:, 3:]
     weight = torch.exp(-config.alpha * distance.abs())
     with torch.no_grad():
-        find = _critical_compiled if arms.device.type == "cpu" else _critical
+        compiled = arms.device.type == "cpu" and config.worst == 1
+        find = _critical_compiled if compiled else _critical
         rows = max(CHUNK // (arms.shape[1] * len(directions)), 1)
         pieces = zip(arms.split(rows), normals.split(rows), weight.split(rows), strict=True)
         chosen = [find(*piece, force, torque, config) for piece in pieces]
         contact = torch.cat([piece[0] for piece in chosen])
         direction = torch.cat([piece[1] for piece in chosen])
-    row = torch.arange(len(arms), device=arms.device)
+    row = torch.arange(len(arms), device=arms.device)[:, None]
     along = force[direction] + torch.linalg.cross(torque[direction], arms[row, contact], dim=-1)
     perpendicular = -(normals[row, contact] * along).sum(-1)
     squared = along.square().sum(-1)
-    return weight[row, contact] * cone_support(perpendicular, squared, config)
+    return (weight[row, contact] * cone_support(perpendicular, squared, config)).mean(-1)
 
 
 def cone_support(perpendicular: Tensor, squared: Tensor, config: Q1Config) -> Tensor:
@@ -100,7 +102,7 @@ def lattice_directions(count: int) -> Tensor:
 def _critical(
     arms: Tensor, normals: Tensor, weight: Tensor, force: Tensor, torque: Tensor, config: Q1Config
 ) -> tuple[Tensor, Tensor]:
-    """Contact and direction [n] that attain min_j max_i.
+    """Contacts and directions [n, worst] of the least max_i over directions j.
 
     With u = a + b x r: u.n = (n, r x n).(a, b), and |u|^2 = |a|^2 + 2 r.(a x b) + |b|^2 |r|^2 -
     (b.r)^2, so that both are matrix products of features of contacts and of directions.
@@ -120,14 +122,14 @@ def _critical(
     squared = of_contacts @ of_directions.T - (arms @ torque.T).square()
     support = weight[..., None] * cone_support(perpendicular, squared, config)
     best, contact = support.max(dim=1)
-    direction = best.argmin(dim=1)
-    return contact.gather(1, direction[:, None])[:, 0], direction
+    direction = best.topk(config.worst, dim=1, largest=False).indices
+    return contact.gather(1, direction), direction
 
 
 def _critical_compiled(
     arms: Tensor, normals: Tensor, weight: Tensor, force: Tensor, torque: Tensor, config: Q1Config
 ) -> tuple[Tensor, Tensor]:
-    """As `_critical`; where several attain the bound, one of them."""
+    """As `_critical` with one direction; where several attain the bound, one of them."""
     features = [force, torque, 2 * torch.linalg.cross(force, torque, dim=-1)]
     squares = [vector.square().sum(-1, keepdim=True) for vector in (force, torque)]
     directions = torch.cat([*features, *squares], dim=-1).T.contiguous().numpy()
@@ -144,4 +146,4 @@ def _critical_compiled(
         contact.numpy(),
         direction.numpy(),
     )
-    return contact, direction
+    return contact[:, None], direction[:, None]

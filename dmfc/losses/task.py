@@ -7,6 +7,7 @@ from collections.abc import Collection, Mapping
 import torch
 from torch import Tensor
 
+from dmfc.config.execution import ExecutionConfig
 from dmfc.config.losses import LossConfig, LossWeights
 from dmfc.errors import unknown_name
 from dmfc.geometry.transforms import transform
@@ -14,13 +15,14 @@ from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.model import HandModel
 from dmfc.losses.collision import SelfCollision, collision
 from dmfc.losses.custom import OwnTerms, PlacedHands
-from dmfc.losses.guidance import guidance
+from dmfc.losses.guidance import guidance, tips
 from dmfc.losses.q1 import grasp_contacts, q1_of_contacts
 from dmfc.losses.q1_lower import q1_lower_of_contacts
+from dmfc.losses.swept import SweptCollision
 from dmfc.objects.atlas import SceneObjects
 
-TERMS = ("chamfer", "collision", "guidance", "q1_upper", "q1_lower")
-"""The terms of the task loss: w1 to w4 of the paper, and the lower bound of Q1."""
+TERMS = ("chamfer", "collision", "guidance", "q1_upper", "q1_lower", "swept")
+"""The terms of the task loss: w1 to w4 of the paper, then ours."""
 Q1_TERMS = {"q1_upper", "q1_lower"}
 
 
@@ -49,10 +51,15 @@ def weighted_sum(
 class SceneTerms:
     """Collision, guidance, Q1 and the user's own terms of grasps of one hand."""
 
-    def __init__(self, hand: HandModel, config: LossConfig) -> None:
+    def __init__(
+        self, hand: HandModel, config: LossConfig, execution: ExecutionConfig | None = None
+    ) -> None:
+        """`execution`: whose approach is swept (None: by default)."""
         self.config = config
         self.kinematics = HandKinematics(hand)
+        self.swept = SweptCollision(self.kinematics, config.swept, execution or ExecutionConfig())
         self.self_collision = SelfCollision(hand) if config.self_collision else None
+        self.tips = tips(hand) if config.guidance.points == "tips" else None
         self.own = OwnTerms(config.own)
 
     def __call__(
@@ -75,9 +82,14 @@ class SceneTerms:
         terms: dict[str, Tensor] = {}
         if "collision" in names:
             value = collision(hands.points, objects, T_world_link, self.self_collision)
-            terms["collision"] = value / self.config.units.collision**2
+            terms["collision"] = self._bounded(value / self.config.units.collision**2)
+        if "swept" in names:
+            value = self.swept(position, rotation, held, objects)
+            terms["swept"] = self._bounded(value / self.config.units.swept**2)
         if "guidance" in names:
-            terms["guidance"] = guidance(hands.inner, objects) / self.config.units.guidance**2
+            inner = hands.inner if self.tips is None else hands.inner[:, self.tips]
+            value = guidance(inner, objects, self.config.guidance.reach)
+            terms["guidance"] = value / self.config.units.guidance**2
         if Q1_TERMS & set(names):
             q1 = self.config.q1
             contacts = grasp_contacts(hands.inner, objects, q1)
@@ -90,3 +102,7 @@ class SceneTerms:
             if name in names:
                 terms[name] = self.own(name, hands)
         return terms
+
+    def _bounded(self, penetration: Tensor) -> Tensor:
+        """A term of penetration as the settings want it: as it is, or log(1 + x)."""
+        return torch.log1p(penetration) if self.config.saturated else penetration

@@ -27,9 +27,8 @@ from dmfc.outcome.closure_kernel import (
     weakest_support,
 )
 from dmfc.outcome.object_kernel import COLUMNS, objects_in_palm
+from dmfc.outcome.solid import solid_field
 
-VERSION = 1
-"""Of the list of features: a trained predictor knows the one it was made for."""
 REACH = 0.02
 """Metres beyond which the cloud is far from a point of the hand."""
 STEPS = 12
@@ -39,6 +38,9 @@ LINKED = 0.015
 GRIP = 0.04
 """Metres ahead of the palm's inner surface, where an object is when it is held."""
 FRICTION, TORQUE_WEIGHT = 0.7, 10.0
+_POSTURES = "closed", "open"
+_OF_BONES = "gap", "ahead", "depth"
+_OF_HANDS = "gap", "ahead", "depth", "blocked", "lowest"
 
 
 @dataclass(frozen=True)
@@ -88,7 +90,8 @@ class FeatureMaker:
             *(f"up_{c}" for c in axes),
             "height",
             *(f"joint{k}" for k in range(self.hand.dofs)),
-            *(f"{what}_{b}" for what in ("closed_gap", "closed_ahead", "open_gap") for b in bones),
+            *(f"{how}_{what}_{b}" for how in _POSTURES for what in _OF_BONES for b in bones),
+            *(f"{how}_{what}" for how in _POSTURES for what in _OF_HANDS),
             *(f"stop{k}" for k in fingers),
             *(f"count{k}" for k in range(self.fingers)),
             *(f"tip{k}_{c}" for k in fingers for c in axes),
@@ -111,25 +114,24 @@ class FeatureMaker:
         return np.concatenate([logit[:, None], up, height, grasps.joints], axis=1)
 
     def _gaps(self, grasps: SeededGrasps, cloud: _Cloud) -> np.ndarray:
-        """Per link with inner points: how far it is from the cloud, closed and open."""
+        """Per link with inner points, closed and open: how far from, and how deep in the cloud."""
         hand, count = self.hand, len(grasps)
+        R, t = np.ascontiguousarray(grasps.rotation), np.ascontiguousarray(grasps.position)
+        link, inner = hand.inner_link, hand.inner_points
         joints = np.clip(grasps.joints, hand.lower, hand.upper)
-        found = []
+        of_bones, of_hands = [], []
         for angles in (joints, hand.opened(joints)):
-            gap, ahead = np.empty((2, count, len(hand.inner_link)))
-            gaps_at(  # type: ignore[call-arg]
-                np.ascontiguousarray(grasps.rotation),
-                np.ascontiguousarray(grasps.position),
-                link_poses(hand, angles),
-                hand.inner_link,
-                hand.inner_points,
-                hand.inner_normals,
-                *cloud.cells,
-                gap,
-                ahead,
-            )
-            found += [self._least(gap), self._least(ahead)]
-        return np.concatenate(found[:3], axis=1)
+            gap, ahead = np.empty((2, count, len(link)))
+            poses = link_poses(hand, angles)
+            gaps_at(R, t, poses, link, inner, hand.inner_normals, *cloud.cells, gap, ahead)  # type: ignore[call-arg]
+            T = poses[:, link]
+            local = np.einsum("nvij,vj->nvi", T[..., :3, :3], inner) + T[..., :3, 3]
+            places = np.einsum("nij,nvj->nvi", R, local) + t[:, None]
+            depth, blocked = cloud.solid(places)
+            of_bones += [self._least(gap), self._least(ahead), -self._least(-depth)]
+            of_hands += [gap.min(1), ahead.min(1), depth.max(1), blocked.mean(1)]
+            of_hands.append(places[..., 2].min(1))
+        return np.concatenate([*of_bones, np.stack(of_hands, axis=1)], axis=1)
 
     def _least(self, values: np.ndarray) -> np.ndarray:
         """[n, V] -> [n, B] least of each link's inner points."""
@@ -229,6 +231,7 @@ class _Cloud:
         self.points = points
         self.cells: tuple[Any, ...] = (points, REACH, *fill_cells(points, REACH))
         self.fine_cells: tuple[Any, ...] = (points, NEAR, *fill_cells(points, NEAR))
+        self.solid = solid_field(points)
         pairs = cKDTree(points).query_pairs(LINKED, output_type="ndarray")
         links = coo_matrix((np.ones(len(pairs), bool), pairs.T), (len(points), len(points)))
         found, self.label = connected_components(links, directed=False)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,10 +18,10 @@ from dmfc.config.outcome import OutcomeConfig
 from dmfc.errors import DmfcError
 from dmfc.files.atomic import write_json
 from dmfc.hand.model import HandModel
-from dmfc.outcome import features
 from dmfc.outcome.features import FeatureMaker, SeededGrasps
-from dmfc.outcome.files import ABOUT, WEIGHTS
+from dmfc.outcome.files import ABOUT, FEATURES_VERSION, WEIGHTS
 from dmfc.outcome.network import OutcomeNet
+from dmfc.outcome.verdict import Verdict
 
 if TYPE_CHECKING:
     from dmfc.outcome.report import Report
@@ -48,21 +47,6 @@ _ARRAYS = (
 )
 
 
-@dataclass(frozen=True)
-class Verdict:
-    """What is expected of n grasps, as probabilities."""
-
-    planned: np.ndarray
-    """[n] the hand gets to the grasp without running into anything."""
-    held_if_planned: np.ndarray
-    """[n]."""
-
-    @property
-    def held(self) -> np.ndarray:
-        """[n] the object is in the hand at the end."""
-        return self.planned * self.held_if_planned
-
-
 class Judge:
     """Tells of grasps in a cloud what will become of them when they are executed."""
 
@@ -84,10 +68,10 @@ class Judge:
         except (OSError, ValueError, KeyError, TypeError, RuntimeError, SafetensorError) as error:
             text = " ".join(str(error).split())[:200]
             raise DmfcError(f"{folder} holds no outcome predictor: {text}") from error
-        if version != features.VERSION:
+        if version != FEATURES_VERSION:
             raise DmfcError(
-                f"{folder} judges by features of version {version}, not {features.VERSION}: "
-                "train it anew"
+                f"{folder} judges by features of version {version}, not {FEATURES_VERSION}: "
+                "train it again (dmfc outcome train)"
             )
         return cls(net, hand)
 
@@ -113,7 +97,7 @@ def save_judge(
     shape = {HAND + k: torch.from_numpy(np.ascontiguousarray(getattr(hand, k))) for k in _ARRAYS}
     save_file(state | shape, out / WEIGHTS)
     about: dict[str, Any] = {
-        "version": features.VERSION,
+        "version": FEATURES_VERSION,
         "hand": {name: getattr(hand, name) for name in _PLAIN},
         "closing": dataclasses.asdict(hand.closing),
         "features": len(net.mean),

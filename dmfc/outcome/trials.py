@@ -61,6 +61,20 @@ class Trials:
     def __getitem__(self, rows: np.ndarray) -> Trials:
         return Trials(*(getattr(self, entry.name)[rows] for entry in fields(self)))
 
+    @classmethod
+    def of(cls, parts: Sequence[Trials]) -> Trials:
+        """One after the other. Raises DmfcError where there are none, or all ended alike."""
+        if not parts:
+            raise DmfcError("no grasp was executed: nothing to learn from (outcome.rollouts)")
+        names = [entry.name for entry in fields(cls)]
+        trials = cls(*(np.concatenate([getattr(t, name) for t in parts]) for name in names))
+        if trials.held.all() or not trials.held.any():
+            raise DmfcError(
+                f"all {len(trials)} executed grasps ended alike: nothing to learn "
+                "(outcome.rollouts)"
+            )
+        return trials
+
 
 def read_trials(
     files: Sequence[tuple[Path, Path]],
@@ -78,20 +92,13 @@ def read_trials(
             rows = table[table["scene"] == scene.scene]
             if len(rows):
                 made = features(grasps_of(rows), scene.points)
-                found.append(_trials(made, rows, len(found)))
+                found.append(trials_of(made, rows, len(found)))
         progress(done / len(files), f"features of {rows_file.parent.name}")
-    if not found:
-        raise DmfcError("no grasp was executed: nothing to learn from (outcome.rollouts)")
-    names = [entry.name for entry in fields(Trials)]
-    trials = Trials(*(np.concatenate([getattr(t, name) for t in found]) for name in names))
-    if trials.held.all() or not trials.held.any():
-        raise DmfcError(
-            f"all {len(trials)} executed grasps ended alike: nothing to learn (outcome.rollouts)"
-        )
-    return trials
+    return Trials.of(found)
 
 
-def _trials(features: np.ndarray, rows: pd.DataFrame, scene: int) -> Trials:
+def trials_of(features: np.ndarray, rows: pd.DataFrame, scene: int) -> Trials:
+    """Rows of one scene, with what is known of each grasp [n, F]; the scene gets a number."""
     return Trials(
         features,
         rows["planned"].to_numpy(bool),

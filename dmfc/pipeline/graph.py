@@ -28,9 +28,21 @@ from dmfc.network.model_files import BACKBONE, WEIGHTS
 from dmfc.pipeline.graph_method import method_settings
 from dmfc.pipeline.graph_outcome import judge
 from dmfc.pipeline.kinds import KINDS
+from dmfc.prediction.models import model_folder
 
 HARD_SAMPLES = "hard_samples", "hard_error", "hard_scope", "rank_points"
 """Settings of `training` that choose hard samples."""
+OF_FINETUNING = (
+    "finetune",
+    "finetune_seeds",
+    "finetune_form",
+    "finetune_from",
+    "projection",
+    "diagnostic_scenes",
+)
+"""Settings of `training` that pre-training knows nothing of."""
+APPROACH = "pregrasp_distance", "waypoints", "approach_tolerance", "grasp_tolerance"
+"""Settings of `execution` that the swept collision depends on."""
 MOST_SHARDS = 5000
 """Most stages of one scene set."""
 Inputs = dict[str, Stage | tuple[Stage, ...]]
@@ -76,7 +88,7 @@ def _in_units(under: Config) -> ExecutionConfig:
 def _unused_in_pretraining(config: Config) -> tuple[str, ...]:
     """Settings of `training` that are of fine-tuning, or are left to it."""
     chosen = () if config.training.hard_stages == "both" else HARD_SAMPLES
-    return "finetune", "finetune_seeds", *chosen
+    return *OF_FINETUNING, *chosen
 
 
 def _of_every_scene(config: Config) -> ScenesConfig:
@@ -204,7 +216,7 @@ class GraphBuilder:
             q1_upper=0.0,
             confidence=config.losses.weights.confidence,
         )
-        unused = ("q1", "q1_lower", "units", "self_collision", "own")
+        unused = ("q1", "q1_lower", "units", "self_collision", "own", "swept", "saturated")
         losses = dataclasses.replace(without(config.losses, *unused), weights=weights)
         settings = {
             **self._learning(config),
@@ -215,17 +227,30 @@ class GraphBuilder:
         return self.stage("pretrain", name, settings, self._learning_inputs(config))
 
     def finetune(self, config: Config, name: str) -> Stage:
-        """Stage 2, from stage 1's weights."""
+        """Stage 2, from stage 1's weights or those of a trained model."""
         settings = {
             **self._learning(config),
             "losses": config.losses,
-            "training": without(config.training, "pretrain"),
+            "training": without(config.training, "pretrain", "finetune_from"),
         }
+        if config.losses.weights.swept != 0:
+            way = {name: getattr(config.execution, name) for name in APPROACH}
+            settings["execution"] = dataclasses.replace(ExecutionConfig(), **way)
+            settings["closing"] = without(config.closing, "squeeze")
         if config.losses.own:
             own = {text: own_function(text, "losses.own").digest for text in config.losses.own}
             settings["own_losses"] = own
-        inputs: Inputs = {**self._learning_inputs(config), "weights": self.pretrain(config)}
-        return self.stage("finetune", f"{name} seed {config.training.seed}", settings, inputs)
+        inputs, hints = self._learning_inputs(config), {}
+        start = config.training.finetune_from
+        if start:
+            folder = model_folder(start)
+            settings["start"] = file_digest(folder / WEIGHTS)
+            hints["start"] = str(folder)
+        else:
+            inputs["weights"] = self.pretrain(config)
+        return self.stage(
+            "finetune", f"{name} seed {config.training.seed}", settings, inputs, hints
+        )
 
     def cell(
         self,

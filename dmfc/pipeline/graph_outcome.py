@@ -15,6 +15,7 @@ from dmfc.engine.stage import Stage, without
 from dmfc.errors import DmfcError
 from dmfc.files.digest import file_digest
 from dmfc.network.model_files import WEIGHTS
+from dmfc.outcome.files import FEATURES_VERSION
 from dmfc.outcome.files import WEIGHTS as JUDGE
 
 if TYPE_CHECKING:
@@ -143,12 +144,24 @@ def outcome(builder: GraphBuilder, config: Config, proposer: Stage | Path) -> St
     """The predictor that learns from the executed predictions of a model."""
     settings = {
         "outcome": without(config.outcome, "objects", "proposer", "judge", "rollouts"),
+        "features": FEATURES_VERSION,
         "closing": executed(config).closing,
         "seed": config.training.seed,
     }
     trials = rollouts(builder, config, proposer)
     inputs: Inputs = {"hand": builder.hand(config), "rollouts": trials}
-    return builder.stage("outcome", f"seed {config.training.seed}", settings, inputs)
+    hints: dict[str, str] = {}
+    if config.outcome.form == "head":
+        if isinstance(proposer, Path):
+            settings["weights"], hints = file_digest(proposer / WEIGHTS), {"weights": str(proposer)}
+        elif is_own(config.network.backbone):
+            raise DmfcError(
+                "outcome.form=head keeps no copy of a backbone of your own (network.backbone): "
+                "take outcome.form=features"
+            )
+        else:
+            inputs = {**inputs, "model": proposer}
+    return builder.stage("outcome", f"seed {config.training.seed}", settings, inputs, hints)
 
 
 def _given_judge(config: Config, checkpoint: Path | None) -> Path | None:

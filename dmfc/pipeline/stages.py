@@ -37,9 +37,12 @@ from dmfc.pipeline.here import (
 )
 
 if TYPE_CHECKING:
+    from dmfc.config.closing import ClosingConfig
     from dmfc.execution.evaluate import Evaluation
     from dmfc.hand.model import HandModel
+    from dmfc.network.model import DmfcGraspNet
     from dmfc.objects.atlas import ObjectAtlas
+    from dmfc.outcome.head import HeadJudge
     from dmfc.outcome.judge import Judge
 
 
@@ -139,8 +142,14 @@ def pretrain(ctx: StageContext) -> None:
 
 
 def finetune(ctx: StageContext) -> None:
-    """finetune: as `pretrain`, from its weights."""
-    _train(ctx, "finetune", ctx.input("weights"))
+    """finetune: as `pretrain`, from its weights or those of a trained model."""
+    if "start" not in ctx.config:
+        _train(ctx, "finetune", ctx.input("weights"))
+        return
+    folder = Path(ctx.hints["start"])
+    path = folder / WEIGHTS
+    require_same(f"training.finetune_from: {path}", file_digest(path), ctx.config["start"])
+    _train(ctx, "finetune", folder)
 
 
 @with_packs
@@ -159,9 +168,7 @@ def evaluation_of(
 ) -> Evaluation:
     """What an evaluation stage executes, from its settings and the folders of its inputs."""
     from dmfc.execution.evaluate import Evaluation
-    from dmfc.files.digest import file_digest
     from dmfc.hand.description import load_description
-    from dmfc.network.checkpoint import load_network
     from dmfc.pipeline.stages_method import method_of
 
     def one(name: str) -> Path:
@@ -177,13 +184,7 @@ def evaluation_of(
     check_own_test(config)
     row = config["row"]
     hand = load_hand(one("hand"), config["closing"])
-    network = None
-    if row == "model":
-        folder = one("model") if "weights" not in config else Path(hints["weights"])
-        if "weights" in config:
-            path = folder / WEIGHTS
-            require_same(str(path), file_digest(path), config["weights"])
-        network = load_network(folder, hand)
+    network = load_model(config, inputs, hints, hand) if row == "model" else None
     scenes = load_scenes([one("scenes")])
     return Evaluation(
         row=row,
@@ -203,22 +204,39 @@ def evaluation_of(
     )
 
 
+def load_model(
+    config: Mapping[str, Any],
+    inputs: Mapping[str, Path | list[Path]],
+    hints: Mapping[str, str],
+    hand: HandModel,
+) -> DmfcGraspNet:
+    """The network that proposes: of the stage `model`, or of a folder known by its weights."""
+    from dmfc.network.checkpoint import load_network
+
+    folder = Path(hints["weights"]) if "weights" in config else inputs["model"]
+    assert isinstance(folder, Path)
+    if "weights" in config:
+        path = folder / WEIGHTS
+        require_same(str(path), file_digest(path), config["weights"])
+    return load_network(folder, hand)
+
+
 def _judge(
     config: Mapping[str, Any],
     inputs: Mapping[str, Path | list[Path]],
     hints: Mapping[str, str],
     hand: HandModel,
-) -> Judge:
+) -> Judge | HeadJudge:
     """The outcome predictor of an evaluation: a folder of the user's, or a stage."""
     from dmfc.outcome.files import WEIGHTS as JUDGE
-    from dmfc.outcome.judge import Judge
+    from dmfc.outcome.head import load_judge
 
     folder = Path(hints["judge"]) if "judge" in config else inputs["judge"]
     assert isinstance(folder, Path)
     if "judge" in config:
         path = folder / JUDGE
         require_same(str(path), file_digest(path), config["judge"])
-    judge = Judge.load(folder)
+    judge = load_judge(folder)
     if judge.hand != hand.name:
         raise DmfcError(
             f"{folder} judges the hand '{judge.hand}', not '{hand.name}' (outcome.judge)"
@@ -243,6 +261,7 @@ def present(folders: list[Path]) -> list[Path]:
 
 
 def _train(ctx: StageContext, stage: Literal["pretrain", "finetune"], weights: Path | None) -> None:
+    from dmfc.config.execution import ExecutionConfig
     from dmfc.config.validation import ValidationConfig
     from dmfc.training.data import SceneData
     from dmfc.training.fit import fit
@@ -251,7 +270,7 @@ def _train(ctx: StageContext, stage: Literal["pretrain", "finetune"], weights: P
     training = ctx.config["training"]
     check_own_losses(ctx.config.get("own_losses", {}))
     check_own_backbone(ctx.config.get("own_backbone", {}))
-    hand, atlas = training_geometry(ctx.inputs)
+    hand, atlas = training_geometry(ctx.inputs, ctx.config.get("closing"))
     grasps = load_grasp_sets(present(ctx.input_list("grasps")))
     if not any(len(found) for found in grasps.values()):
         raise DmfcError("no training object has a grasp: raise grasps.max_checks")
@@ -273,15 +292,21 @@ def _train(ctx: StageContext, stage: Literal["pretrain", "finetune"], weights: P
         validation=load_scenes(ctx.input_list("validation_scenes")) if validated else None,
     )
     validation = ctx.config.get("validation", ValidationConfig())
-    config = FitConfig(ctx.config["network"], ctx.config["losses"], training, validation)
+    execution = ctx.config.get("execution", ExecutionConfig())
+    settings = (ctx.config["network"], ctx.config["losses"], training, validation, execution)
+    config = FitConfig(*settings)
     digest = data_digest(ctx.inputs)
-    fit(stage, config, hand, data, atlas, ctx.out, ctx.work, weights, digest, ctx.progress)
+    probe = data.probe(training.diagnostic_scenes) if training.diagnostic_scenes else None
+    fit(stage, config, hand, data, atlas, ctx.out, ctx.work, weights, digest, probe, ctx.progress)
 
 
 def training_geometry(
-    inputs: Mapping[str, Path | list[Path]],
+    inputs: Mapping[str, Path | list[Path]], closing: ClosingConfig | None = None
 ) -> tuple[HandModel, ObjectAtlas]:
-    """The hand and the objects of a training stage: to train on, then to validate on."""
+    """The hand and the objects of a training stage: to train on, then to validate on.
+
+    `closing`: how the fingers open and close (None: by default).
+    """
     from dmfc.objects.atlas import ObjectAtlas
 
     hand, train = inputs["hand"], inputs["objects"]
@@ -290,7 +315,7 @@ def training_geometry(
     assert isinstance(train, list)
     assert isinstance(held_out, list)
     objects = Objects([*present(train), *whole(held_out)])
-    return load_hand(hand), ObjectAtlas.of(list(objects.values()))
+    return load_hand(hand, closing), ObjectAtlas.of(list(objects.values()))
 
 
 def data_digest(inputs: Mapping[str, Path | list[Path]]) -> str:

@@ -6,10 +6,12 @@ from typing import TYPE_CHECKING
 
 from dmfc.engine.context import StageContext
 from dmfc.pipeline.artifacts import SCENES, Objects, load_hand
-from dmfc.pipeline.stages import evaluation_of, present
+from dmfc.pipeline.stages import evaluation_of, load_model, present
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from dmfc.hand.model import HandModel
 
 
 def rollouts(ctx: StageContext) -> None:
@@ -36,14 +38,29 @@ def rollouts(ctx: StageContext) -> None:
 def outcome(ctx: StageContext) -> None:
     """outcome: `outcome.safetensors` and `outcome.json`."""
     from dmfc.execution.rollouts import ROLLOUTS
+
+    hand = load_hand(ctx.input("hand"), ctx.config["closing"])
+    folders = present(ctx.input_list("rollouts"))
+    files = [(f / ROLLOUTS, f / SCENES) for f in folders]
+    learn = _features if ctx.config["outcome"].form == "features" else _head
+    learn(ctx, hand, files)
+
+
+def _features(ctx: StageContext, hand: HandModel, files: list[tuple[Path, Path]]) -> None:
     from dmfc.outcome.features import FeatureMaker
     from dmfc.outcome.fit import fit
     from dmfc.outcome.judge import save_judge
     from dmfc.outcome.trials import read_trials
 
-    hand = load_hand(ctx.input("hand"), ctx.config["closing"])
-    folders = present(ctx.input_list("rollouts"))
-    trials = read_trials([(f / ROLLOUTS, f / SCENES) for f in folders], FeatureMaker(hand))
     config = ctx.config["outcome"]
+    trials = read_trials(files, FeatureMaker(hand))
     net, report = fit(trials, config, ctx.config["seed"], ctx.work, ctx.progress)
     save_judge(net, config, hand, report, ctx.out)
+
+
+def _head(ctx: StageContext, hand: HandModel, files: list[tuple[Path, Path]]) -> None:
+    from dmfc.outcome.head import HeadJudge, fit_head
+
+    model = load_model(ctx.config, ctx.inputs, ctx.hints, hand)
+    net, calibration, report = fit_head(model, files, ctx.config["outcome"], ctx.config["seed"])
+    HeadJudge(net, hand.name, *calibration).save(report, ctx.out)

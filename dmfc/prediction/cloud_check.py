@@ -13,6 +13,7 @@ import numpy as np
 
 from dmfc.config.execution import ExecutionConfig
 from dmfc.geometry.grid_atlas import GridAtlas
+from dmfc.hand.approach import Approach
 from dmfc.hand.model import HandModel
 from dmfc.hand.pose_kernel import link_poses
 from dmfc.prediction.cloud_kernel import deepest_points, lowest_points
@@ -37,7 +38,7 @@ class CloudCheck:
     """The poses that planning checks, against points in place of meshes."""
 
     def __init__(self, hand: HandModel, config: ExecutionConfig) -> None:
-        self.hand, self.config = hand, config
+        self.hand, self.approach = hand, Approach.of_execution(config)
         grids = GridAtlas(hand.link_grids)
         boxes = np.array([grid.solid_box() for grid in hand.link_grids])
         self._grids = (
@@ -69,50 +70,44 @@ class CloudCheck:
 
     def passes(self, depths: Depths, margin: float = 0.0) -> np.ndarray:
         """[n] bool: no deeper than the tolerances less `margin`, metres."""
-        approach = self.config.approach_tolerance - margin
+        allowed = self.approach.stricter(margin)
         return (
-            (depths.table <= approach)
-            & (depths.approach <= max(approach, 0.0))
-            & (depths.grasp <= max(self.config.grasp_tolerance - margin, 0.0))
+            (depths.table <= allowed.table_tolerance)
+            & (depths.approach <= max(allowed.tolerance, 0.0))
+            & (depths.grasp <= max(allowed.grasp_tolerance, 0.0))
         )
 
     def depths(self, T_world_palm: np.ndarray, joints: np.ndarray, points: np.ndarray) -> Depths:
         """Of grasps [n, 4, 4], [n, D] rad, among points [N, 3]; the table is at z = 0."""
-        config, hand = self.config, self.hand
+        approach, hand = self.approach, self.hand
         joints = np.clip(np.asarray(joints, dtype=np.float64), hand.lower, hand.upper)
         opened, closed = link_poses(hand, hand.opened(joints)), link_poses(hand, joints)
         T = np.asarray(T_world_palm, dtype=np.float64)
-        retreat = config.pregrasp_distance * hand.palm_normal
-        shares = np.linspace(0.0, 1.0, config.waypoints)
-        back = retreat * shares.max()
+        back = approach.pregrasp_distance * hand.palm_normal
         table = np.maximum(self._in_table(T, opened, back), self._in_table(T, closed, 0 * back))
-        approach, grasp = np.full(len(T), -1.0), np.full(len(T), -1.0)
-        above = np.flatnonzero(table <= config.approach_tolerance)
-        self._in_hand(
-            points, T, opened, retreat, shares, config.approach_tolerance, above, approach
-        )
-        left = above[approach[above] <= config.approach_tolerance]
-        none, grasp_tolerance = np.zeros(1), config.grasp_tolerance
-        self._in_hand(points, T, closed, retreat, none, grasp_tolerance, left, grasp)
-        return Depths(approach, grasp, table)
+        on_way, at_grasp = np.full(len(T), -1.0), np.full(len(T), -1.0)
+        rows = np.flatnonzero(table <= approach.table_tolerance)
+        self._in_hand(points, T, opened, approach.offsets, approach.tolerance, rows, on_way)
+        rows = rows[on_way[rows] <= approach.tolerance]
+        self._in_hand(points, T, closed, np.zeros(1), approach.grasp_tolerance, rows, at_grasp)
+        return Depths(on_way, at_grasp, table)
 
     def _in_hand(
         self,
         points: np.ndarray,
         T: np.ndarray,
         links: np.ndarray,
-        way: np.ndarray,
-        shares: np.ndarray,
+        offsets: np.ndarray,
         enough: float,
         rows: np.ndarray,
         out: np.ndarray,
     ) -> None:
-        """Fill out [n] at `rows` with the deepest point in the hands on their way."""
-        found = np.empty(len(rows))
+        """Fill out [n] at `rows` with the deepest point in hands at `offsets` from the grasp."""
+        deepest, normal = np.empty(len(rows)), self.hand.palm_normal
         cloud = np.ascontiguousarray(points, dtype=np.float64)
         R, t = np.ascontiguousarray(T[rows, :3, :3]), np.ascontiguousarray(T[rows, :3, 3])
-        deepest_points(cloud, R, t, links[rows], way, shares, *self._grids, enough, found)
-        out[rows] = found
+        deepest_points(cloud, R, t, links[rows], normal, offsets, *self._grids, enough, deepest)
+        out[rows] = deepest
 
     def _in_table(self, T: np.ndarray, links: np.ndarray, back: np.ndarray) -> np.ndarray:
         """[n] how deep the hand is below z = 0, at the grasp or where it is less `back` [3]."""

@@ -12,8 +12,8 @@ def deepest_points(
     rotation: np.ndarray,
     position: np.ndarray,
     T_palm_link: np.ndarray,
-    way: np.ndarray,
-    shares: np.ndarray,
+    normal: np.ndarray,
+    offsets: np.ndarray,
     lower: np.ndarray,
     upper: np.ndarray,
     values: np.ndarray,
@@ -27,15 +27,15 @@ def deepest_points(
     """out [n]: the deepest that one of points [N, 3] is in hand i on its way, metres; -1: in none.
 
     rotation [n, 3, 3], position [n, 3] place the palm at the grasp; the hand is looked at where the
-    palm is moved by -s * way [3] (palm frame) for each s of shares [W]. lower, upper [L, 3] are
-    boxes of links, the rest the links' grids (`GridAtlas`). A hand is given up, and what was found
-    so far is its answer, once that is more than `enough`.
+    palm is moved by -s * normal [3] (palm frame) for each s of offsets [W]. lower, upper [L, 3] are
+    boxes of links, the rest the links' grids (`GridAtlas`). The search in a hand ends once a depth
+    is more than `enough`, which is then its answer.
     """
     links = lower.shape[0]
     low, high = np.empty((links, 3)), np.empty((links, 3))
     for i in range(position.shape[0]):
         out[i] = -1.0
-        all_low, all_high = _swept_boxes(T_palm_link[i], way, shares, lower, upper, low, high)
+        all_low, all_high = _swept_boxes(T_palm_link[i], normal, offsets, lower, upper, low, high)
         R, t = rotation[i], position[i]
         for p in range(points.shape[0]):
             x, y, z = points[p, 0] - t[0], points[p, 1] - t[1], points[p, 2] - t[2]
@@ -59,10 +59,10 @@ def deepest_points(
                 ):
                     continue
                 T = T_palm_link[i, k]
-                for w in range(shares.shape[0]):
-                    x = px + shares[w] * way[0] - T[0, 3]
-                    y = py + shares[w] * way[1] - T[1, 3]
-                    z = pz + shares[w] * way[2] - T[2, 3]
+                for w in range(offsets.shape[0]):
+                    x = px + offsets[w] * normal[0] - T[0, 3]
+                    y = py + offsets[w] * normal[1] - T[1, 3]
+                    z = pz + offsets[w] * normal[2] - T[2, 3]
                     lx = T[0, 0] * x + T[1, 0] * y + T[2, 0] * z
                     ly = T[0, 1] * x + T[1, 1] * y + T[2, 1] * z
                     lz = T[0, 2] * x + T[1, 2] * y + T[2, 2] * z
@@ -80,14 +80,14 @@ def deepest_points(
 @njit(cache=True, nogil=True)
 def _swept_boxes(
     T_palm_link: np.ndarray,
-    way: np.ndarray,
-    shares: np.ndarray,
+    normal: np.ndarray,
+    offsets: np.ndarray,
     lower: np.ndarray,
     upper: np.ndarray,
     low: np.ndarray,
     high: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Fill low, high [L, 3]: boxes along the palm's axes of links at all shares; the box of all."""
+    """Fill low, high [L, 3]: boxes along the palm's axes of links at all offsets. Their box."""
     all_low, all_high = np.full(3, np.inf), np.full(3, -np.inf)
     for k in range(lower.shape[0]):
         if not lower[k, 0] <= upper[k, 0]:
@@ -98,7 +98,7 @@ def _swept_boxes(
             for a in range(3):
                 centre += T_palm_link[k, c, a] * (lower[k, a] + upper[k, a]) / 2
                 half += abs(T_palm_link[k, c, a]) * (upper[k, a] - lower[k, a]) / 2
-            ends = -way[c] * shares.min(), -way[c] * shares.max()
+            ends = -normal[c] * offsets.min(), -normal[c] * offsets.max()
             low[k, c] = centre - half + min(ends)
             high[k, c] = centre + half + max(ends)
             all_low[c] = min(all_low[c], low[k, c])

@@ -19,6 +19,7 @@ from dmfc.errors import DmfcError, masked
 from dmfc.files.atomic import write_text
 from dmfc.files.sealed import read_or_replace
 from dmfc.report.curves import draw_curves
+from dmfc.report.diagnosed import diagnosed
 from dmfc.report.failures import draw_failures
 from dmfc.report.figure import draw_rates
 from dmfc.report.formats import method_cells, method_head, paper_text, rate_text
@@ -66,6 +67,7 @@ def write_page(
         trials=_searched(table, list(dict.fromkeys(cell.seed for cell in cells)), tracked),
         objects=_objects(table),
         reasons=_reasons(table),
+        diagnosed=diagnosed(ledger, sweep),
         calls=[_call(call) for call in read_provenance(folder)],
         settings=_settings(sweep),
     )

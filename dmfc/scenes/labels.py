@@ -11,6 +11,7 @@ import torch
 from dmfc.config.scenes import ScenesConfig
 from dmfc.geometry import transforms
 from dmfc.grasps.grasp_set import GraspSet
+from dmfc.hand.approach import Approach
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.model import HandModel
 from dmfc.objects.model import ObjectModel
@@ -100,11 +101,11 @@ def surviving_labels(
     """Labels of all objects of a scene whose hand is clear of the table and of the other objects.
 
     The hand's collision points are tested, at the grasp and open just before it: a grasp is dropped
-    if one of them is deeper than `scenes.clearance` below the table plane or within a neighbour. An
+    if one of them is deeper than `scenes.approach_tolerance` in the table or in a neighbour. An
     object that is not in `grasps` has no labels. At most `scenes.max_grasps` per object stay, the
     most robust.
     """
-    dropped = dict.fromkeys(REASONS, 0)
+    approach, dropped = Approach.of_labels(config), dict.fromkeys(REASONS, 0)
     objects, rows = [], []
     for index, model in enumerate(models):
         own = grasps.get(model.id)
@@ -116,7 +117,7 @@ def surviving_labels(
             for opened in (False, True)
         ]
         height = np.min([hand.lowest(T) for T in T_world_hands], axis=0)
-        is_clear = -height <= config.clearance
+        is_clear = -height <= approach.table_tolerance
         dropped["table"] += int((~is_clear).sum())
         order = order[is_clear]
         depth = np.full(len(order), -np.inf)
@@ -126,8 +127,8 @@ def surviving_labels(
                 for T in T_world_hands:
                     found = hand.deepest(T_other_world @ T[is_clear], neighbour)
                     depth = np.maximum(depth, found)
-        dropped["neighbour"] += int((depth > config.clearance).sum())
-        order = order[depth <= config.clearance]
+        dropped["neighbour"] += int((depth > approach.tolerance).sum())
+        order = order[depth <= approach.tolerance]
         dropped["limit"] += max(0, len(order) - config.max_grasps)
         rows.append(order[: config.max_grasps])
         objects.append(np.full(len(rows[-1]), index))

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from dmfc.config.losses import GraspSpace
 from dmfc.geometry.rotations import matrix_from_6d, sixd_from_matrix
-from dmfc.losses.chamfer import chamfer, grasp_vector
+from dmfc.losses.chamfer import chamfer, closest_label, grasp_vector
 from dmfc.network.model import Prediction
 from dmfc.training.batch import Batch
 
@@ -19,16 +19,20 @@ from dmfc.training.batch import Batch
 class Candidates:
     """n predicted grasps of a batch, world frame.
 
-    scene `[n]`: row in the batch; position `[n,3]`, rotation6d `[n,6]`, joints `[n,J]` (raw), logit
-    `[n]` of the confidence; positive `[n]`: has a label; chamfer `[n]`: distance to it, 0 without.
+    scene `[n]`: row in the batch; position `[n,3]` of the palm, aim `[n,3]` of the point that
+    offsets lead to, rotation6d `[n,6]`, joints `[n,J]` (raw), logit
+    `[n]` of the confidence; positive `[n]`: has a label; label `[n]`: the nearest one of the scene
+    (any without); chamfer `[n]`: distance to it, 0 without.
     """
 
     scene: Tensor
     position: Tensor
+    aim: Tensor
     rotation6d: Tensor
     joints: Tensor
     logit: Tensor
     positive: Tensor
+    label: Tensor
     chamfer: Tensor
 
     def __len__(self) -> int:
@@ -45,10 +49,12 @@ class Candidates:
         return cls(
             scene=scene.flatten(),
             position=prediction.position.flatten(0, 1),
+            aim=prediction.aim.flatten(0, 1),
             rotation6d=prediction.rotation6d.flatten(0, 1),
             joints=prediction.joints.flatten(0, 1),
             logit=prediction.logit.flatten(),
             positive=batch.match.any(-1).flatten(),
+            label=closest_label(ours, labels, batch.match).flatten(),
             chamfer=chamfer(ours, labels, batch.match).flatten(),
         )
 
@@ -56,6 +62,15 @@ class Candidates:
     def rotation(self) -> Tensor:
         """R_world_palm `[n,3,3]`."""
         return matrix_from_6d(self.rotation6d[:, :3], self.rotation6d[:, 3:])
+
+    def at_labels(self, batch: Batch) -> Candidates:
+        """The hands moved to their labels; `aim` and `chamfer` stay as they are."""
+        return dataclasses.replace(
+            self,
+            position=batch.grasp_position[self.scene, self.label],
+            rotation6d=sixd_from_matrix(batch.grasp_rotation[self.scene, self.label]),
+            joints=batch.grasp_joints[self.scene, self.label],
+        )
 
     def take(self, index: Tensor) -> Candidates:
         """The rows at `index`, or where a mask is true."""

@@ -24,7 +24,7 @@ from dmfc.scenes.matching import match_grasps
 from dmfc.scenes.scene_grasps import grasps_in_scene
 from dmfc.scenes.scene_set import Scene, SceneSet
 from dmfc.sensing.cameras import table_cameras
-from dmfc.training.batch import SceneItem, collate
+from dmfc.training.batch import Batch, SceneItem, collate
 
 _AUGMENT, _SHUFFLE = range(2)  # independent random streams of one seed
 
@@ -195,6 +195,10 @@ class SceneData(lightning.LightningDataModule):
             SceneDataset(validation, *shared, seeds=seeds, seed=seed) if validation else None
         )
         self._batch_size, self._workers, self._seed = batch_size, workers, seed
+
+    def probe(self, count: int) -> Batch:
+        """The first training scenes, `count` at most, as the first epoch shows them."""
+        return collate([self.train[0, i] for i in range(min(count, len(self.train)))])
 
     def train_dataloader(self) -> DataLoader:
         return self._loader(self.train, shuffle=True)

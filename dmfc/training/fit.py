@@ -24,6 +24,8 @@ from dmfc.hand.model import HandModel
 from dmfc.network.checkpoint import load_weights, new_network, require_finite
 from dmfc.network.model_files import BACKBONE, CONFIG, METRICS, SUMMARY, WEIGHTS
 from dmfc.objects.atlas import ObjectAtlas
+from dmfc.training.batch import Batch
+from dmfc.training.diagnostics import Diagnostics
 from dmfc.training.failure import Failure
 from dmfc.training.module import GraspTraining
 from dmfc.training.resume import keep_checkpoint, last_checkpoint
@@ -46,14 +48,16 @@ def fit(
     work: Path,
     init_weights: Path | None = None,
     data_digest: str = "",
+    probe: Batch | None = None,
     progress: Callable[[float, str], None] = lambda fraction, message: None,
 ) -> None:
     """Train `stage` and write weights, metrics per epoch, config and summary into `out`.
 
     `init_weights`: folder of a finished stage to start from; None starts from random weights, which
     follow from the seed. `data_digest` tells the data from others: a checkpoint of other data is
-    refused. `work` holds a checkpoint per epoch: a second call with the same `work`
-    goes on after the last finished epoch, and ends as the uninterrupted run would have.
+    refused. `probe`: scenes on which fine-tuning is diagnosed. `work` holds a checkpoint per epoch:
+    a second call with the same `work` goes on after the last finished epoch, and ends as the
+    uninterrupted run would have.
     Raises DmfcError where a loss or a weight is not finite or nothing can be learned.
     """
     training = config.training
@@ -63,10 +67,13 @@ def fit(
     if init_weights is not None:
         load_weights(net, init_weights)
     points, seeds = training.rank_points, training.finetune_seeds
-    task = Task(stage, config.losses, hand, atlas, points, seeds)
+    task = Task(stage, config.losses, hand, atlas, points, seeds, config.execution)
     failure = Failure(work / FAILURE, config, hand.name)
-    validation = Validation(config.validation, config.losses, hand, atlas)
-    module = GraspTraining(net, task, training, failure, validation)
+    validation = Validation(config.validation, config.losses, hand, atlas, config.execution)
+    diagnostics = None
+    if probe is not None and stage == "finetune" and task.of_scene:
+        diagnostics = Diagnostics(net, task, probe, training.projection)
+    module = GraspTraining(net, task, training, failure, validation, diagnostics)
     module.data_digest = data_digest
     started = time.perf_counter()
     with _quiet(), _threads(training.threads):

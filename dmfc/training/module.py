@@ -16,9 +16,11 @@ from dmfc.losses.confidence import confidence_loss
 from dmfc.network.model import DmfcGraspNet, Prediction
 from dmfc.training.batch import Batch
 from dmfc.training.candidates import Candidates
+from dmfc.training.diagnostics import Diagnostics
 from dmfc.training.failure import Failure
 from dmfc.training.means import Means
 from dmfc.training.measures import label_errors
+from dmfc.training.projection import project
 from dmfc.training.selection import hardest
 from dmfc.training.task import Task
 from dmfc.training.validation import Validation, calibration
@@ -29,7 +31,8 @@ class GraspTraining(LightningModule):
 
     Where a loss or a gradient is not finite the run stops with a DmfcError that names the term and
     the scene, and `failure` saves the batch and the weights that led there. `data_digest` says
-    which data the checkpoints belong to. Batches of validation need a `validation`.
+    which data the checkpoints belong to. Batches of validation need a `validation`. What
+    `diagnostics` measure is in the row of each epoch.
     """
 
     data_digest = ""
@@ -41,6 +44,7 @@ class GraspTraining(LightningModule):
         config: TrainingConfig,
         failure: Failure,
         validation: Validation | None = None,
+        diagnostics: Diagnostics | None = None,
     ) -> None:
         super().__init__()
         self.net = net
@@ -48,6 +52,7 @@ class GraspTraining(LightningModule):
         self.config = config
         self.failure = failure
         self.validation = validation
+        self.diagnostics = diagnostics
         self.metrics: list[dict[str, Any]] = []
         self._means = Means()
         self._validation_means = Means()
@@ -68,15 +73,31 @@ class GraspTraining(LightningModule):
         if len(candidates) == 0:
             return None
         chosen = self.hardest(candidates, batch)
-        terms = self.task.terms(chosen, batch)
+        error, terms = self._errors(chosen, batch)
         self._require_finite(terms, chosen)
-        loss = confidence_loss(self.task.total(terms), chosen.logit, self.task.weights.confidence)
+        loss = confidence_loss(error, chosen.logit, self.task.weights.confidence)
         if self.config.negatives == "push_down":
             loss = loss + self.task.weights.confidence * _push_down(prediction.logit, batch)
         self._means.add("loss", loss)
         for name, values in terms.items():
             self._means.add(name, values[chosen.positive] if name == "chamfer" else values)
         return loss
+
+    def _errors(self, chosen: Candidates, batch: Batch) -> tuple[Tensor, dict[str, Tensor]]:
+        """The error that is back-propagated `[n]`, and the terms that the task loss has."""
+        if self.task.stage == "pretrain" or self.config.finetune_form == "gradient":
+            terms = self.task.terms(chosen, batch)
+            return self.task.total(terms), terms
+        projection = self.config.projection
+        found = project(chosen, batch, self.task, projection)
+        chamfer = {"chamfer": chosen.chamfer} if "chamfer" in self.task.names else {}
+        terms = {**chamfer, **found.before}
+        distance = found.distance(chosen, self.task.space)
+        self._means.add("projected", distance)
+        self._means.add("projected_share", found.moved.float())
+        for name, values in found.after.items():
+            self._means.add(f"{name}_at_target", values)
+        return self.task.total(terms) + projection.weight * distance, terms
 
     def _measure(self, prediction: Prediction, batch: Batch) -> None:
         means = self._means
@@ -90,7 +111,11 @@ class GraspTraining(LightningModule):
         """Those of the candidates that are back-propagated."""
         if not self._selects(candidates):
             return candidates
-        return candidates.take(self._pick(self.task.errors(candidates, batch), candidates))
+        if self.config.hard_error == "random":
+            error = torch.rand(len(candidates), device=candidates.logit.device)
+        else:
+            error = self.task.errors(candidates, batch)
+        return candidates.take(self._pick(error, candidates))
 
     def _selects(self, candidates: Candidates) -> bool:
         all_count = self.config.hard_stages == "finetune" and self.task.stage == "pretrain"
@@ -158,6 +183,9 @@ class GraspTraining(LightningModule):
     def on_train_epoch_end(self) -> None:
         seconds = time.perf_counter() - self._started
         scenes = self._means.count("scenes") * self.trainer.world_size
+        if self.diagnostics is not None:
+            for name, values in self.diagnostics.measure(self.net).items():
+                self._means.add(name, values)
         means = self._result(self._means)
         if "loss" not in means:
             raise DmfcError(

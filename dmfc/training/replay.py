@@ -43,7 +43,7 @@ def replay(
     net.load_state_dict(saved["weights"])
     training = config.training
     points, seeds = training.rank_points, training.finetune_seeds
-    task = Task(stage, config.losses, hand, atlas, points, seeds)
+    task = Task(stage, config.losses, hand, atlas, points, seeds, config.execution)
     module = GraspTraining(net, task, training, Failure(Path(), config, hand.name))
     batch = Batch(**saved["batch"])
     prediction = net.train()(batch.points, batch.seed_index)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from dmfc.config.execution import ExecutionConfig
 from dmfc.config.losses import LossConfig
 from dmfc.config.network import NetworkConfig
 from dmfc.config.setting import setting
@@ -19,3 +20,4 @@ class FitConfig:
     losses: LossConfig = setting(LossConfig, "losses and their weights")
     training: TrainingConfig = setting(TrainingConfig, "the two-stage schedule")
     validation: ValidationConfig = setting(ValidationConfig, "validation on held-out objects")
+    execution: ExecutionConfig = setting(ExecutionConfig, "the approach that is swept")

@@ -9,8 +9,10 @@ from typing import Literal
 import torch
 from torch import Tensor
 
+from dmfc.config.execution import ExecutionConfig
 from dmfc.config.losses import LossConfig, LossWeights
 from dmfc.errors import DmfcError
+from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.model import HandModel
 from dmfc.losses.custom import term_name
 from dmfc.losses.task import SceneTerms, active_terms, weighted_sum
@@ -39,10 +41,12 @@ class Task:
         atlas: ObjectAtlas,
         rank_points: int,
         seeds: Seeds = "all",
+        execution: ExecutionConfig | None = None,
     ) -> None:
         """`rank_points`: collision points of the hand in `errors`; 0: all, and Q1 in full.
 
         `seeds`: whose predictions have a task loss (setting training.finetune_seeds).
+        `execution`: whose approach is swept (None: by default).
         Raises DmfcError where every weight of the stage is 0.
         """
         self.stage = stage
@@ -57,14 +61,15 @@ class Task:
             raise DmfcError(f"{stage} has no loss: every one of losses.weights is 0")
         self.of_scene = [name for name in self.names if name != "chamfer"]
         self.labelled = seeds == "labelled" or not self.of_scene
-        self.space = config.grasp_space
+        self.space, self.relative = config.grasp_space, config.relative
         self.atlas = atlas
-        self._full = SceneTerms(hand, config)
+        self._full = SceneTerms(hand, config, execution)
         self._cheap, self._ranked = self._full, self.of_scene
         if rank_points > 0:
             self._ranked = [STAND_IN.get(name, name) for name in self.of_scene]
             q1 = dataclasses.replace(config.q1, directions=RANK_DIRECTIONS)
-            self._cheap = SceneTerms(hand.thinned(rank_points), dataclasses.replace(config, q1=q1))
+            thinned, fewer = hand.thinned(rank_points), dataclasses.replace(config, q1=q1)
+            self._cheap = SceneTerms(thinned, fewer, execution)
 
     def candidates(self, prediction: Prediction, batch: Batch) -> Candidates:
         """The predictions that have a task loss: all, or those with a label.
@@ -77,6 +82,15 @@ class Task:
     def terms(self, rows: Candidates, batch: Batch) -> dict[str, Tensor]:
         """Each term `[n]`, not weighted, with gradients."""
         return self._terms(rows, batch, self._full, self.of_scene)
+
+    @property
+    def kinematics(self) -> HandKinematics:
+        return self._full.kinematics
+
+    def cheap_terms(self, rows: Candidates, batch: Batch) -> dict[str, Tensor]:
+        """The terms of the scene `[n]`, found cheaply, with gradients; chamfer is not one."""
+        terms = self._terms(rows, batch, self._cheap, self._ranked)
+        return {n: terms[n if n in terms else STAND_IN[n]] for n in self.of_scene}
 
     @torch.no_grad()
     def errors(self, rows: Candidates, batch: Batch) -> Tensor:
@@ -99,9 +113,20 @@ class Task:
         terms = {"chamfer": rows.chamfer} if "chamfer" in self.names else {}
         if not of_scene:
             return terms
+        found = self._of_scene(rows, batch, compute, of_scene)
+        if self.relative:
+            with torch.no_grad():
+                least = self._of_scene(rows.at_labels(batch), batch, compute, of_scene)
+            for name, value in found.items():
+                beyond = (value - least[name]).clamp(min=0)
+                found[name] = torch.where(rows.positive, beyond, value)
+        return terms | found
+
+    def _of_scene(
+        self, rows: Candidates, batch: Batch, compute: SceneTerms, names: Collection[str]
+    ) -> dict[str, Tensor]:
         objects = SceneObjects(self.atlas, batch.object_index, batch.T_world_object)
         # in float32 whatever the network's precision: penetrations are millimetres
         with torch.autocast(rows.position.device.type, enabled=False):
-            return terms | compute(
-                rows.position, rows.rotation, rows.joints, objects.take(rows.scene), of_scene
-            )
+            placed = rows.position, rows.rotation, rows.joints
+            return compute(*placed, objects.take(rows.scene), names)

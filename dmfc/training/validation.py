@@ -9,6 +9,7 @@ import torch
 from scipy.stats import spearmanr
 from torch import Tensor
 
+from dmfc.config.execution import ExecutionConfig
 from dmfc.config.losses import LossConfig
 from dmfc.config.validation import ValidationConfig
 from dmfc.geometry.rotations import geodesic_angle
@@ -32,12 +33,17 @@ class Validation:
     """Measures of a batch of predictions, each a mean over what its docstring says."""
 
     def __init__(
-        self, config: ValidationConfig, losses: LossConfig, hand: HandModel, atlas: ObjectAtlas
+        self,
+        config: ValidationConfig,
+        losses: LossConfig,
+        hand: HandModel,
+        atlas: ObjectAtlas,
+        execution: ExecutionConfig | None = None,
     ) -> None:
         self.config = config
         self.losses = losses
         self.atlas = atlas
-        self._terms = SceneTerms(hand, losses)
+        self._terms = SceneTerms(hand, losses, execution)
         self._kinematics = HandKinematics(hand)
         self._q1 = dataclasses.replace(
             losses.q1, torque_weight=config.torque_weight, directions=DIRECTIONS, floor=True

@@ -55,6 +55,8 @@ def test_settings_are_frozen():
     [
         ("training.batch_sise=4", ["training.batch_sise", "did you mean 'training.batch_size'"]),
         ("losses.colision=1", ["did you mean 'losses.weights.collision'"]),
+        ("grasps.approach=0.2", ["'grasps.approach'", "now called 'grasps.pregrasp_distance'"]),
+        ("scenes={clearance: 0}", ["now called 'scenes.approach_tolerance'"]),
         ("batch_size=4", ["did you mean 'training.batch_size'"]),
         ("losses.weights.friction_cone=1", ["unknown setting 'losses.weights.friction_cone'"]),
         ("training.batch_size=four", ["training.batch_size", "four", "Integer"]),

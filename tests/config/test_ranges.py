@@ -34,7 +34,7 @@ MAY_BE_NEGATIVE = {
     "grasps.seat_gap",
     "grasps.clearance",
     "scenes.cameras.target_height",
-    "scenes.clearance",
+    "scenes.approach_tolerance",
     "network.offset_ahead",
     "losses.own",
 }

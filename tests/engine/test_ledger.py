@@ -51,6 +51,19 @@ def test_a_later_setting_enters_a_key_where_it_is_not_at_its_default():
     assert plain(Settings(polish=2)) == {"rate": 1.0, "polish": 2}
 
 
+def test_a_renamed_setting_enters_a_key_under_its_former_name():
+    @dataclasses.dataclass(frozen=True)
+    class Renamed:
+        speed: float = setting(1.0, "", formerly="rate")
+
+    @dataclasses.dataclass(frozen=True)
+    class Before:
+        rate: float = setting(1.0, "")
+
+    assert key(a=Renamed()) == key(a=Before())
+    assert key(a=Renamed(speed=2.0)) == key(a=Before(rate=2.0))
+
+
 def test_the_next_version_of_keys_ends_a_later_setting(monkeypatch):
     monkeypatch.setattr("dmfc.config.setting.KEYS_VERSION", KEYS_VERSION + 1)
     assert plain(Settings()) == {"rate": 1.0, "polish": 0}

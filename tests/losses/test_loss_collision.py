@@ -10,7 +10,7 @@ from dmfc.geometry.transforms import apply, inverse
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.model import HandModel
 from dmfc.losses.collision import SelfCollision, collision, object_penetration, table_penetration
-from dmfc.losses.guidance import guidance
+from dmfc.losses.guidance import guidance, tips
 from dmfc.objects.atlas import SceneObjects
 from tests.support.loss_shapes import BALL, ball_distance, box_distance, slope
 
@@ -77,6 +77,20 @@ def test_guidance_of_a_ball_alone(scene: SceneObjects) -> None:
     p[:, 20:] = centre + 0.7 * (p[:, 20:] - centre)
     expected = 20 * 0.01**2 + 25 * 0.005**2
     assert guidance(p, alone).item() == pytest.approx(expected, rel=2e-2)
+    # Within 8 mm alone: the 20 that are 10 mm off count as far as that, and are not drawn.
+    assert guidance(p, alone, 0.008).item() == pytest.approx(
+        20 * 0.008**2 + 25 * 0.005**2, rel=2e-2
+    )
+    drawn = p.clone().requires_grad_()
+    guidance(drawn, alone, 0.008).sum().backward()
+    assert (drawn.grad[:, :20] == 0).all()
+    assert (drawn.grad[:, 20:].norm(dim=-1) > 0).all()
+
+
+def test_tips_are_the_points_of_the_last_links(hand: HandModel) -> None:
+    names = {hand.link_names[hand.inner_link[row]] for row in tips(hand).tolist()}
+    assert names == {f"rh_{finger}distal" for finger in ("ff", "mf", "rf", "lf", "th")}
+    assert len(tips(hand)) == 14  # three of each finger, two of the thumb
 
 
 def test_guidance_draws_to_the_closest_object(scene: SceneObjects) -> None:

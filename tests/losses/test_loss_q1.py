@@ -81,7 +81,7 @@ def test_more_directions_come_close_to_the_exact_metric() -> None:
 def test_as_in_a_plain_loop(floor: bool) -> None:
     config = Q1Config(directions=64, floor=floor)
     arms, normals, distance = contacts(n=2, count=5, seed=4)
-    expected = []
+    expected, softened = [], []
     for i in range(2):
         best = []
         for s in lattice_directions(64).numpy():
@@ -100,8 +100,12 @@ def test_as_in_a_plain_loop(floor: bool) -> None:
                 values.append(np.exp(-60 * abs(d)) * (max(value, 0) if floor else value))
             best.append(max(values))
         expected.append(min(best))
+        softened.append(np.sort(best)[:5].mean())
     measured = q1_of_contacts(arms, normals, distance, config).numpy()
     assert measured == pytest.approx(expected, abs=1e-9)
+    five = dataclasses.replace(config, worst=5)
+    measured = q1_of_contacts(arms, normals, distance, five).numpy()
+    assert measured == pytest.approx(softened, abs=1e-9)
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])

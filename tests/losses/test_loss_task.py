@@ -15,7 +15,7 @@ from dmfc.objects.atlas import SceneObjects
 from tests.support.loss_shapes import slope
 from tests.support.rotations import random_rotations
 
-ALL = ("collision", "guidance", "q1_upper", "q1_lower")
+ALL = ("collision", "guidance", "q1_upper", "q1_lower", "swept")
 
 
 def grasps(hand: HandModel, dtype: torch.dtype = torch.float64):

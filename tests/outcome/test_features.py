@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.model import HandModel
 from dmfc.outcome.features import REACH, FeatureMaker, SeededGrasps
+from dmfc.outcome.solid import CELL
 from tests.support.execution_shapes import standing
 from tests.support.grasp_shapes import planned, shape
 
@@ -49,7 +50,7 @@ def test_gaps_are_distances_of_the_inner_points_to_the_cloud(hand: HandModel) ->
     gap = np.linalg.norm(points.numpy()[:, :, None] - cloud, axis=3).min(2).clip(max=REACH)
     links = np.unique(hand.inner_link)
     expected = np.stack([gap[:, hand.inner_link == link].min(1) for link in links], axis=1)
-    np.testing.assert_allclose(found[:, columns(maker, "closed_gap")], expected, atol=1e-6)
+    np.testing.assert_allclose(found[:, columns(maker, "closed_gap_bone")], expected, atol=1e-6)
     assert (expected < 0.01).any()
 
 
@@ -83,8 +84,23 @@ def test_a_scene_that_is_turned_and_moved_on_the_table_has_the_same_features(
     moved = dataclasses.replace(
         grasps, position=grasps.position @ turn.T + shift, rotation=turn @ grasps.rotation
     )
-    after = maker(moved, cloud @ turn.T + shift)
-    np.testing.assert_allclose(after, maker(grasps, cloud), atol=2e-5)
+    before, after = maker(grasps, cloud), maker(moved, cloud @ turn.T + shift)
+    gridded = [k for k, name in enumerate(maker.names) if "_depth" in name or "_blocked" in name]
+    exact = np.setdiff1d(np.arange(len(maker.names)), gridded)
+    np.testing.assert_allclose(after[:, exact], before[:, exact], atol=2e-5)
+    # The voxels of the field of enclosed places keep to the axes of the world.
+    depths = columns(maker, "closed_depth_bone")
+    np.testing.assert_allclose(after[:, depths], before[:, depths], atol=CELL)
+
+
+def test_a_hand_moved_into_a_block_is_deep_in_it(hand: HandModel) -> None:
+    cloud = cloud_of("block")
+    grasps, maker = grasps_of("block", slice(0, 6), cloud), FeatureMaker(hand)
+    ahead = 0.03 * grasps.rotation @ hand.palm_normal
+    deeper = dataclasses.replace(grasps, position=grasps.position + ahead)
+    column = maker.names.index("open_depth")
+    assert (maker(deeper, cloud)[:, column] >= maker(grasps, cloud)[:, column]).all()
+    assert maker(deeper, cloud)[:, column].max() > 0.005
 
 
 def test_fingers_stop_at_an_object_and_nowhere_without_one(hand: HandModel) -> None:

@@ -12,6 +12,7 @@ from dmfc.files.digest import file_digest
 from dmfc.grasps.library import library_file
 from dmfc.pipeline.graph import GraphBuilder, ObjectRef, without
 from dmfc.pipeline.here import check_own_backbone, check_own_losses
+from dmfc.prediction.models import model_folder
 from dmfc.sweep.planner import plan_sweep
 from dmfc.sweep.sweep_file import load_sweep
 from tests.support.fake_science import fake_refs
@@ -78,6 +79,12 @@ def test_table_one_shares_data_and_pretraining(builder):
             "objects.prepare.sdf_spacing=0.006",
             {"object", "grasps", "scenes", "pretrain", "finetune", "evaluate"},
         ),
+        ("losses.weights.swept=1", {"finetune", "evaluate"}),
+        ("losses.saturated=true", {"finetune", "evaluate"}),
+        ("losses.swept.margin=0.001", {"finetune", "evaluate"}),
+        ("training.finetune_form=projected", {"finetune", "evaluate"}),
+        ("training.projection.steps=3", {"finetune", "evaluate"}),
+        ("training.diagnostic_scenes=3", {"finetune", "evaluate"}),
         ("losses.own={}", set()),
         ("grasps.library=''", set()),
         ("training.threads=4", set()),
@@ -104,6 +111,37 @@ def test_how_hard_samples_are_chosen_in_finetuning_leaves_pretraining_alone(buil
         other = kinds(override)
         assert other["pretrain"] == usual["pretrain"]
         assert other["finetune"] != usual["finetune"]
+
+
+def test_fine_tuning_knows_the_approach_where_it_is_swept_alone(builder):
+    def finetuned(*overrides):
+        return keys(builder, *overrides)["finetune"]
+
+    for way in ("execution.waypoints=7", "execution.approach_tolerance=0.004"):
+        assert finetuned(way) == finetuned()
+        assert finetuned("losses.weights.swept=1", way) != finetuned("losses.weights.swept=1")
+    lifted = "execution.lift_time=2"
+    assert finetuned("losses.weights.swept=1", lifted) == finetuned("losses.weights.swept=1")
+
+
+def test_fine_tuning_starts_from_a_model_that_is_there(builder, tmp_path):
+    start = "training.finetune_from=table1-pretrained"
+    stage = builder.finetune(load_config("smoke", [start]), "c")
+    assert "weights" not in stage.inputs
+    folder = model_folder("table1-pretrained")
+    assert stage.hints["start"] == str(folder)
+    assert stage.config["start"] == file_digest(folder / "weights.safetensors")
+    assert "pretrain" not in keys(builder, start)
+    # A copy elsewhere is the same start; other weights are another.
+    copied = tmp_path / "mine"
+    copied.mkdir()
+    weights = copied / "weights.safetensors"
+    weights.write_bytes((folder / weights.name).read_bytes())
+    assert keys(builder, f"training.finetune_from={copied}") == keys(builder, start)
+    weights.write_bytes(b"other")
+    assert keys(builder, f"training.finetune_from={copied}")["finetune"] != {stage.key}
+    with pytest.raises(DmfcError, match="did you mean 'table1-pretrained'"):
+        keys(builder, "training.finetune_from=table1-pretrain")
 
 
 def keys(builder, *overrides):
@@ -318,3 +356,6 @@ def test_the_file_of_a_backbone_is_part_of_what_is_trained(builder, tmp_path):
     assert changed(builder, "network.backbone=dgcnn") == trained
     with pytest.raises(DmfcError, match=r"unknown class of .* 'Mne'; did you mean 'Mine'"):
         keys(builder, f"network.backbone={file}:Mne")
+    judged = ["execution.score=outcome", "outcome.form=head", f"network.backbone={file}:Mine"]
+    with pytest.raises(DmfcError, match="keeps no copy of a backbone"):
+        builder.cell(load_config("smoke", judged), "pretrained", "x")

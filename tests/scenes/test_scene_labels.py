@@ -178,14 +178,14 @@ def test_the_most_robust_are_kept(objects, grasps, hand):
     assert labels.dropped == {"table": 0, "neighbour": 0, "limit": len(own) - 5}
 
 
-def test_clearance_allows_some_penetration(objects, hand):
+def test_the_tolerance_allows_some_penetration(objects, hand):
     model = objects["shape/box"]
     grasps = {model.id: scene_shapes.grasps_around(model, 200)}
     stands = np.eye(4)[None].copy()
     stands[0, 2, 3] = 0.075
     dropped = []
-    for clearance in (0.0, 0.01, 1.0):
-        config = dataclasses.replace(ScenesConfig(), clearance=clearance)
+    for tolerance in (0.0, 0.01, 1.0):
+        config = dataclasses.replace(ScenesConfig(), approach_tolerance=tolerance)
         labels = surviving_labels(config, [model], stands, grasps, HandAtGrasps(hand))
         dropped.append(labels.dropped["table"])
     assert dropped[0] > dropped[1] > dropped[2] == 0

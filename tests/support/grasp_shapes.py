@@ -19,9 +19,7 @@ from dmfc.hand.model import HandModel
 from dmfc.objects.model import ObjectModel
 from tests.support.physics_shapes import ball, block
 
-CONFIG = GraspsConfig(
-    per_object=6, max_checks=120, batch=128, keep=0.25, approach_steps=3, repeats=0
-)
+CONFIG = GraspsConfig(per_object=6, max_checks=120, batch=128, keep=0.25, waypoints=3, repeats=0)
 BLOCK_SIZE = np.array([0.05, 0.06, 0.12])
 BALL_RADIUS = 0.033
 

@@ -6,7 +6,15 @@ import json
 
 import numpy as np
 
-from tests.training.golden_run import FILE, STEPS, golden_run, with_weight
+from tests.training.golden_run import (
+    FILE,
+    PROJECTED,
+    STEPS,
+    SWEPT,
+    TRAINING,
+    golden_run,
+    with_weight,
+)
 
 TOLERANCE = 1e-3
 """Relative; float32 sums differ between processors (vector width), and twenty steps carry that."""
@@ -30,6 +38,9 @@ def test_golden_run(tmp_path):
     assert worst(first, stored["pretrain"]) < TOLERANCE
     second = golden_run("finetune", tmp_path / "second", tmp_path / "first")
     assert worst(second, stored["finetune"]) < TOLERANCE
+    for name, training in (("swept", TRAINING), ("projected", PROJECTED)):
+        third = golden_run("finetune", tmp_path / name, tmp_path / "first", SWEPT, training)
+        assert worst(third, stored[name]) < TOLERANCE
     # It would notice a weight that is 2 % off.
     other = golden_run("finetune", tmp_path / "other", tmp_path / "first", GUIDED)
     assert worst(other, stored["finetune"]) > 2 * TOLERANCE

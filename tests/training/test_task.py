@@ -160,3 +160,32 @@ def test_label_errors_are_in_the_units_they_say():
     torch.testing.assert_close(errors["translation_mm"].median().item(), 5.0, rtol=1e-3, atol=0)
     torch.testing.assert_close(errors["rotation_deg"].median().item(), 5.7296, rtol=1e-3, atol=0)
     torch.testing.assert_close(errors["joints_deg"].median().item(), 1.1459, rtol=1e-3, atol=0)
+
+
+def test_relative_terms_are_what_is_beyond_the_label():
+    predicted, batch = prediction()
+    plain, beyond = task(), task(losses=dataclasses.replace(LOSSES, relative=True))
+    rows = plain.candidates(predicted, batch)
+    names = ["collision", "guidance", "q1_upper"]
+    at_labels = plain.terms(rows.at_labels(batch), batch)
+    absolute, relative = plain.terms(rows, batch), beyond.terms(rows, batch)
+    torch.testing.assert_close(relative["chamfer"], rows.chamfer)
+    for name in names:
+        expected = (absolute[name] - at_labels[name]).clamp(min=0)
+        expected = torch.where(rows.positive, expected, absolute[name])
+        torch.testing.assert_close(relative[name], expected)
+    # A hand at its label costs nothing, and is not moved.
+    there = beyond.terms(rows.take(rows.positive).at_labels(batch), batch)
+    assert all((there[name] == 0).all() for name in names)
+
+
+def test_labels_of_rows_are_those_of_chamfer():
+    predicted, batch = prediction()
+    space = GraspSpace(length_unit=1.0, joint_weight=1.0)
+    rows = Candidates.of(predicted, batch, space)
+    rows = rows.take(rows.positive)
+    at = rows.at_labels(batch)
+    apart = [
+        (getattr(rows, name) - getattr(at, name)) for name in ("position", "rotation6d", "joints")
+    ]
+    torch.testing.assert_close(torch.cat(apart, dim=1).square().sum(1), rows.chamfer)
