@@ -65,7 +65,9 @@ class Setup:
 class ProtocolTest(Protocol):
     """Executes and judges the grasps of one scene."""
 
-    world: World
+    @property
+    def world(self) -> World:
+        """The simulation."""
 
     def run(
         self,

@@ -31,7 +31,7 @@ def new_network(config: NetworkConfig, hand: HandModel, folder: Path | None = No
     `folder`: see `DmfcGraspNet`.
     """
     limits = _inside(hand.lower, np.inf), _inside(hand.upper, -np.inf)
-    return DmfcGraspNet(config, *limits, _centre(config, hand), folder)
+    return DmfcGraspNet(config, *limits, _centre(config, hand), folder=folder)
 
 
 def load_network(folder: Path, hand: HandModel) -> DmfcGraspNet:
@@ -62,7 +62,7 @@ def load_alone(folder: Path) -> tuple[DmfcGraspNet, str]:
         tensors = _tensors(folder)
         buffers = [tensors[name].float() for name in ("lower", "upper", "centre")]
         stored = OmegaConf.load(folder / CONFIG)
-        net = DmfcGraspNet(_network_config(stored), *buffers, folder)
+        net = DmfcGraspNet(_network_config(stored), *buffers, folder=folder)
         net.load_state_dict(tensors)
         hand = str(stored.hand)
     except (*_BROKEN, KeyError, RuntimeError) as error:

@@ -86,6 +86,7 @@ class DmfcGraspNet(nn.Module):
         lower: Tensor,
         upper: Tensor,
         centre: Tensor | None = None,
+        *,
         folder: Path | None = None,
     ) -> None:
         """`folder`: of a trained model, which has its own copy of a backbone in a user's file."""
