@@ -20,7 +20,7 @@ Packs = Annotated[list[str] | None, typer.Argument(help="Names of packs; default
 
 @assets.command("list")
 def assets_list(as_json: AsJson = False) -> None:
-    """The packs, and which of them are in the cache."""
+    """List the packs, and which of them are in the cache."""
     from dmfc.assets import cache_dir, list_packs, status
 
     rows = [

@@ -1,11 +1,11 @@
-"""What the verbs share: options, the console, and running stages for a person who watches."""
+"""Options and output that the commands share."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -13,9 +13,6 @@ from dmfc.cli import complete
 from dmfc.cli.outputs import folder_to_read
 from dmfc.errors import DmfcError
 from dmfc.experiment.console import stderr
-
-INTERRUPTED = 130
-"""Exit status after Ctrl-C, as shells have it."""
 
 Preset = Annotated[
     list[str],
@@ -42,6 +39,13 @@ Store = Annotated[
         envvar="DMFC_STORE",
         help="Folder of finished stages and results.",
         callback=folder_to_read(),
+    ),
+]
+OverOption = Annotated[
+    Literal["scenes", "objects"],
+    typer.Option(
+        "--over",
+        help="What the intervals hold for: new scenes of the same objects, or new objects.",
     ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Answer with JSON on standard output.")]

@@ -1,4 +1,4 @@
-"""The verb doctor: what this machine has, and what to do about what it lacks."""
+"""The command `dmfc doctor`: checks this machine, and says how to fix what is missing."""
 
 from __future__ import annotations
 

@@ -62,12 +62,15 @@ def grasps_import(
     tolerance: Annotated[
         float,
         typer.Option(
-            help="rad beyond a joint's limits that is clipped; more skips the grasp.",
+            help="rad beyond a joint's limits that are clipped; beyond that the grasp is skipped.",
             callback=number(least=0),
         ),
     ] = 0.01,
     verify: Annotated[
-        bool, typer.Option("--verify", help="Keep only what holds in simulation, and measure it.")
+        bool,
+        typer.Option(
+            "--verify", help="Keep only grasps that hold in simulation, and measure them."
+        ),
     ] = False,
     preset: Preset = PRESET,
     overrides: Overrides = None,

@@ -1,4 +1,4 @@
-"""Verbs on grasps: planning and statistics; exchange has a file of its own."""
+"""The commands that plan grasps and print their statistics; `exchange.py` has the others."""
 
 from __future__ import annotations
 
@@ -110,9 +110,9 @@ def grasps_stats(
     store: Store = STORE,
     as_json: AsJson = False,
 ) -> None:
-    """What is in the grasp sets that are there already, per object and over all.
+    """Statistics of existing grasp sets, per object and over all.
 
-    Those that are not planned yet are counted on standard error. An object that failed is a row
+    Objects without a planned set are counted on standard error. An object that failed is a row
     with its reason. Ends with status 1 if no object has a set.
     """
     session = Session.open(preset, overrides, store)
@@ -147,8 +147,8 @@ def grasps_stats(
 
 def _kept_failures(session: Session, stages: Sequence[Stage]) -> dict[str, str]:
     """Why those of finished stages failed that did, by their names."""
-    told = {stage.name: session.ledger.failure(stage.address) for stage in stages}
-    return {name: reason for name, reason in told.items() if reason is not None}
+    failures_by_name = {stage.name: session.ledger.failure(stage.address) for stage in stages}
+    return {name: reason for name, reason in failures_by_name.items() if reason is not None}
 
 
 def load_sets(session: Session, stages: Sequence[Stage]) -> list[GraspSet]:
@@ -214,7 +214,7 @@ def _measure(
     from dmfc.grasps.grip import grip_row, grips
 
     classes = {found.object_id: grips(found, hand, objects[found.object_id]) for found in sets}
-    more = {name: grip_row(own) for name, own in classes.items()}
+    more = {name: grip_row(rows) for name, rows in classes.items()}
     more[ALL] = grip_row(np.concatenate([*classes.values(), np.zeros(0)]))
     matching = _match(session, sets, objects, hand, scenes, more) if scenes > 0 and sets else []
     return more, matching
@@ -237,7 +237,7 @@ def _match(
     with stderr().status("scenes") as status:
         made = single_scenes(config.scenes, objects, grasps, hand, scenes, status.update)
     matching, seeds = config.matching, config.network.levels[0]
-    everything = [scene for own in made.values() for scene in own]
+    everything = [scene for scenes in made.values() for scene in scenes]
     for name, part in (*made.items(), (ALL, everything)):
         found = label_row(part, grasps, hand, matching, seeds)
         columns[name]["labels_per_scene"] = found["labels_per_scene"]

@@ -41,7 +41,7 @@ def objects_list(
     store: Store = STORE,
     as_json: AsJson = False,
 ) -> None:
-    """The objects that selectors name, with licence and mass, and whether they are prepared."""
+    """List the objects that selectors name, with licence, mass, and whether they are prepared."""
     from dmfc.objects.sources import list_objects
 
     session = Session.open(preset, overrides, store)

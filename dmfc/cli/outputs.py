@@ -89,7 +89,7 @@ def _check_place(folder: Path, given: str, writable: bool = True) -> None:
     try:
         there = next(place for place in (folder, *folder.absolute().parents) if place.exists())
     except (OSError, ValueError) as error:  # a name that no system takes
-        raise DmfcError(f"{given}: no such place can be made: {error}") from error
+        raise DmfcError(f"{given}: the folder cannot be made: {error}") from error
     if not there.is_dir():
         raise DmfcError(f"{given}: {there} is a file, not a folder")
     if writable and not os.access(there, os.W_OK | os.X_OK):

@@ -1,4 +1,4 @@
-"""The verbs for who has a cloud and wants grasps: predict, and models."""
+"""The commands `dmfc predict` and `dmfc models`: grasps for a user's cloud."""
 
 from __future__ import annotations
 
@@ -38,25 +38,28 @@ Unit = Annotated[
     str, typer.Option(help="m, cm, mm or inch; default: m, and mm for whole-number depth.")
 ]
 DepthScale = Annotated[
-    str, typer.Option(help="Metres that 1 stands for in a depth image: 1/5000, 0.0001.")
+    str, typer.Option(help="Length of one step of a depth image, in metres: 1/5000, 0.0001.")
 ]
-Up = Annotated[str, typer.Option(help="x,y,z against gravity in the cloud's frame; default 0,0,1.")]
+Up = Annotated[
+    str, typer.Option(help="Upward direction x,y,z in the cloud's frame; default 0,0,1.")
+]
 Intrinsics = Annotated[str, typer.Option(help="fx,fy,cx,cy of the depth camera, pixels.")]
-Mask = Annotated[Path | None, typer.Option(help="Image that is not 0 at the objects.")]
+Mask = Annotated[Path | None, typer.Option(help="Image that is not 0 on the objects.")]
 Pose = Annotated[
-    Path | None, typer.Option(help="T_world_camera, 4 x 4: text or .npy; grasps are in world.")
+    Path | None,
+    typer.Option(help="T_world_camera, 4 x 4: text or .npy; grasps are in the world frame."),
 ]
 Table = Annotated[str, typer.Option(help="A table in the cloud: refuse, remove or keep.")]
 DropInvalid = Annotated[
     bool,
-    typer.Option("--drop-invalid", help="Leave points out that are NaN, infinite or (0, 0, 0)."),
+    typer.Option("--drop-invalid", help="Leave out points that are NaN, infinite or (0, 0, 0)."),
 ]
 
 Check = Annotated[
     bool,
     typer.Option(
         "--check",
-        help="Leave out grasps that the points, or the table under the lowest, are in the way of.",
+        help="Reject grasps that would collide with the cloud or a table at its lowest point.",
     ),
 ]
 
@@ -84,7 +87,9 @@ def predict(
     drop_invalid: DropInvalid = False,
     check: Check = False,
     score: Score = "",
-    top: Annotated[int, typer.Option(help="Only so many, the most confident; 0: all.")] = 0,
+    top: Annotated[
+        int, typer.Option(help="Number of grasps, the most confident ones; 0: all.")
+    ] = 0,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -204,7 +209,7 @@ def models_judge(
     model: Annotated[Path, typer.Option("--model", help="Folder of the model that gets it.")],
     measured: Annotated[str, typer.Option(help="What its card says of its rates.")] = "",
 ) -> None:
-    """Give a model an outcome predictor, which then says what its confidence is."""
+    """Give a model an outcome predictor, which then computes its confidence."""
     from dmfc.prediction.models import add_judge
 
     typer.echo(f"written: {add_judge(stage, model, measured)}")

@@ -1,4 +1,4 @@
-"""The verbs on scenes: make, look at, take along, freeze, and bring one's own."""
+"""The commands on scenes: make, count, show, freeze, and import of a user's clouds."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def scenes_make(
     store: Store = STORE,
     as_json: AsJson = False,
 ) -> None:
-    """Make the scene set of a split, with all that it needs, and its data card.
+    """Make the scene set of a split, after making its inputs, and its data card.
 
     Shards that are damaged are made again."""
     session = Session.open(preset, overrides, store)
@@ -82,7 +82,7 @@ def scenes_stats(
     store: Store = STORE,
     as_json: AsJson = False,
 ) -> None:
-    """Counts, dropped labels and positive rates of a scene set that is there already."""
+    """Counts, dropped labels and positive rates of an existing scene set."""
     found, _ = open_set(split, at, preset, overrides, store)
     if verify and (damaged := found.damaged()):
         raise DmfcError(
@@ -148,7 +148,7 @@ def scenes_import(
     overrides: Overrides = None,
     as_json: AsJson = False,
 ) -> None:
-    """Your own scenes: clouds of objects on a table top z = 0, without labels, as a scene set."""
+    """Import clouds of objects on a table top at z = 0 as a scene set without labels."""
     from dmfc.config.load import load_config
     from dmfc.pipeline.artifacts import SCENES
     from dmfc.scenes.custom import import_clouds
@@ -172,9 +172,9 @@ def scenes_freeze(
             help="File of digests, such as results/test_sets.json", callback=file_to_write()
         ),
     ],
-    check: Annotated[bool, typer.Option("--check", help="Compare with it; 1 if they differ.")] = (
-        False
-    ),
+    check: Annotated[
+        bool, typer.Option("--check", help="Compare with the file; exit status 1 if scenes differ.")
+    ] = (False),
     preset: Preset = ["full"],  # noqa: B006
     overrides: Overrides = None,
     store: Store = STORE,

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from dmfc.engine.ledger import Ledger
 
 store_app = typer.Typer(
-    name="store", help="Finished stages: what there is, and moving it.", no_args_is_help=True
+    name="store", help="Finished stages: list, check, and move them.", no_args_is_help=True
 )
 
 Kind = Annotated[str | None, typer.Argument(help="A kind of stage; default: a line per kind.")]
@@ -49,14 +49,14 @@ def list_(kind: Kind = None, store: Store = STORE, as_json: AsJson = False) -> N
         return
     rows = []
     for name in sorted({entry.address.partition("/")[0] for entry in found}):
-        own = [entry for entry in found if entry.address.startswith(f"{name}/")]
+        of_kind = [entry for entry in found if entry.address.startswith(f"{name}/")]
         rows.append(
             {
                 "kind": name,
-                "stages": len(own),
-                "failed": sum(entry.failure is not None for entry in own),
-                "hours": round(sum(entry.seconds for entry in own) / 3600, 3),
-                "MB": round(sum(entry.bytes for entry in own) / 1e6, 2),
+                "stages": len(of_kind),
+                "failed": sum(entry.failure is not None for entry in of_kind),
+                "hours": round(sum(entry.seconds for entry in of_kind) / 3600, 3),
+                "MB": round(sum(entry.bytes for entry in of_kind) / 1e6, 2),
             }
         )
     show_rows("finished stages", rows, as_json)

@@ -1,4 +1,4 @@
-"""The verbs around a whole experiment: sweep, tables."""
+"""The commands `dmfc sweep` and `dmfc sweep status`."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from dmfc.cli import complete
 from dmfc.cli.common import PRESET, STORE, AsJson, Overrides, Preset, Store
 from dmfc.cli.dry_run import show_plans
 from dmfc.experiment.console import answer
-from dmfc.experiment.drive import disk_errors_told, drive, page_writer, show_status, write_tables
-from dmfc.experiment.session import Session, interrupts_told
+from dmfc.experiment.drive import drive, explained_disk_errors, show_status
+from dmfc.experiment.session import Session, resumable
 
 
 class RunByDefault(TyperGroup):
@@ -33,7 +33,7 @@ sweep_app = typer.Typer(name="sweep", cls=RunByDefault, no_args_is_help=True)
 
 @sweep_app.callback()
 def group() -> None:
-    """Run every cell of one or more sweeps (`run` may be left out), or say how they stand."""
+    """Run every cell of one or more sweeps (`run` may be left out), or print their status."""
 
 
 @sweep_app.command("run")
@@ -56,11 +56,11 @@ def sweep(
         ),
     ] = False,
 ) -> None:
-    """Run every cell of one or more sweeps; go on where an earlier call stopped.
+    """Run every cell of one or more sweeps; continue where an earlier call stopped.
 
     Prints a table per sweep, writes it to STORE/sweeps/ID/, and brings MLflow up to date.
     """
-    with interrupts_told():
+    with resumable():
         _run(files, preset, overrides, store, as_json, dry_run)
 
 
@@ -85,7 +85,7 @@ def _run(
         show_plans(plans, session.ledger, as_json)
         return
     started = time.monotonic()
-    with disk_errors_told(session.ledger):
+    with explained_disk_errors(session.ledger):
         driven = drive(plans, session.ledger, as_json)
     closing = {"stages_run": driven.ran, "seconds": round(time.monotonic() - started, 2)}
     results = driven.results
@@ -106,18 +106,18 @@ def status(
     store: Store = STORE,
     as_json: AsJson = False,
 ) -> None:
-    """Say how sweeps stand: finished stages, what is being run and where, what failed."""
+    """Print the status of sweeps: finished, running and failed stages."""
     from dmfc.engine.ledger import Ledger
     from dmfc.engine.state import read_state
     from dmfc.engine.status import counts, running
     from dmfc.report.collect import read_sweep, resolve_sweeps
 
     ledger = Ledger(store)
-    told = []
+    states = []
     for sweep_id in resolve_sweeps(ledger, sweep_ids):
         described = read_sweep(ledger, sweep_id)
         state = read_state(ledger.store / "sweeps" / sweep_id)
-        told.append(
+        states.append(
             {
                 "sweep": sweep_id,
                 "status": state.status,
@@ -128,41 +128,7 @@ def status(
             }
         )
     if as_json:
-        answer(told)
+        answer(states)
         return
-    for one in told:
+    for one in states:
         show_status(one)
-
-
-def tables(
-    sweep_ids: Annotated[
-        list[str] | None,
-        typer.Argument(
-            help="Ids of sweeps, or their names (the latest of each); default: all names."
-        ),
-    ] = None,
-    store: Store = STORE,
-    as_json: AsJson = False,
-) -> None:
-    """Make the tables again from trial rows alone, without running anything."""
-    from dmfc.engine.ledger import Ledger
-    from dmfc.engine.state import read_state
-    from dmfc.report.collect import read_sweep, resolve_sweeps
-
-    ledger = Ledger(store)
-    wanted = resolve_sweeps(ledger, sweep_ids)
-    results = []
-    for name in wanted:
-        failures = read_state(ledger.store / "sweeps" / name).failures
-        described = read_sweep(ledger, name)
-        results.append(write_tables(ledger, described, failures, as_json, read_only=True))
-        try:
-            page = page_writer(ledger, described, results[-1])()
-        except OSError:
-            continue  # the table has said so
-        if not as_json:
-            typer.echo(f"page: {page}")
-    if as_json:
-        from dmfc.report.formats import to_json
-
-        answer([to_json(table) for table in results])

@@ -51,7 +51,7 @@ def rebuild(
 def sync(
     sweeps: Sweeps = None, uri: Uri = "", store: Store = STORE, as_json: AsJson = False
 ) -> None:
-    """Add what MLflow lacks: after a crash, after a server was away, or to a second server."""
+    """Add missing runs to MLflow: after a crash or an outage, or to a second server."""
     from dmfc.engine.ledger import Ledger
     from dmfc.report.collect import list_sweeps, resolve_sweeps
     from dmfc.tracking.project import project_sweep

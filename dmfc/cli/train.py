@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 
 def train(
     stage: Annotated[
-        str, typer.Option("--stage", help="pretrain, or finetune (pretrains first if need be).")
+        str,
+        typer.Option("--stage", help="pretrain, or finetune (which pretrains first if necessary)."),
     ] = "finetune",
     preset: Preset = PRESET,
     overrides: Overrides = None,
@@ -29,7 +30,7 @@ def train(
         typer.Option(help="A batch that stopped a run: print its terms instead of training."),
     ] = None,
 ) -> None:
-    """Train a model, with all that it needs, and print its last epoch."""
+    """Train a model, after making its inputs, and print its last epoch."""
     session = Session.open(preset, overrides, store)
     if replay is not None:
         _replay_batch(session, training_stage(session, stage), replay, as_json)

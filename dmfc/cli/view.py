@@ -50,10 +50,10 @@ def view(
     check: Check = False,
     score: Score = "",
     scene: Annotated[
-        int | None, typer.Option(help="A test scene, with what SOURCE proposes in it.")
+        int | None, typer.Option(help="A test scene, with the grasps that SOURCE proposes.")
     ] = None,
     trial: Annotated[
-        str, typer.Option(help="scene:trial of the evaluation of SOURCE, to be played.")
+        str, typer.Option(help="scene:trial of the evaluation of SOURCE to play.")
     ] = "",
     preset: Preset = PRESET,
     overrides: Overrides = None,
@@ -61,12 +61,12 @@ def view(
     export: Annotated[
         Path | None,
         typer.Option(
-            help="Write the page to this file, and serve nothing.",
+            help="Write the page to this file, without serving it.",
             callback=file_to_write(".html", ".htm"),
         ),
     ] = None,
     host: Annotated[
-        str, typer.Option(help="Address to listen on; others than this let other machines see it.")
+        str, typer.Option(help="Address to listen on; any other shows the page to other machines.")
     ] = "127.0.0.1",
     port: Port = 0,
     open_page: Annotated[bool, typer.Option("--open", help="Open it in the browser.")] = False,

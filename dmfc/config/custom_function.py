@@ -1,4 +1,4 @@
-"""`file.py:function` or `file.py:Class` in a file of the user's own, as settings name it."""
+"""`file.py:function` or `file.py:Class`: what a setting or selector names in a user's file."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from dmfc.files.digest import bytes_digest
 
 
 @dataclass(frozen=True)
-class OwnFunction:
+class CustomFunction:
     """A function, or a class, that is there, found without running anything of its file."""
 
     file: Path
@@ -25,7 +25,7 @@ class OwnFunction:
 
     def load(self) -> Callable[..., Any]:
         """The function itself; its file is run, once per process and content."""
-        module_name = f"dmfc_own_{self.file.stem}_{self.digest}"
+        module_name = f"dmfc_custom_{self.file.stem}_{self.digest}"
         if module_name not in sys.modules:
             spec = importlib.util.spec_from_file_location(module_name, self.file)
             assert spec is not None
@@ -44,27 +44,27 @@ class OwnFunction:
         return function
 
 
-def own_function(text: str, where: str) -> OwnFunction:
+def custom_function(text: str, where: str) -> CustomFunction:
     """The function that `text` names. `where`, a setting, stands at the beginning of errors.
 
     Raises DmfcError where there is no such file or it does not define such a function.
     """
-    return _own(text, where, ast.FunctionDef, "function")
+    return _found(text, where, ast.FunctionDef, "function")
 
 
-def own_class(text: str, where: str) -> OwnFunction:
-    """The class that `text` names, `file.py:Class`; as `own_function`."""
-    return _own(text, where, ast.ClassDef, "Class")
+def custom_class(text: str, where: str) -> CustomFunction:
+    """The class that `text` names, `file.py:Class`; as `custom_function`."""
+    return _found(text, where, ast.ClassDef, "Class")
 
 
-def is_own(text: str) -> bool:
-    """Whether a setting names something in a file of the user's own."""
+def is_custom(text: str) -> bool:
+    """Whether a setting names something in a user's file."""
     return text.partition(":")[0].endswith(".py")
 
 
-def _own(
+def _found(
     text: str, where: str, kind: type[ast.FunctionDef | ast.ClassDef], what: str
-) -> OwnFunction:
+) -> CustomFunction:
     file_name, _, name = text.partition(":")
     if not file_name.endswith(".py") or not name:
         raise DmfcError(f"{where}: '{text}' is not of the form file.py:{what}")
@@ -80,4 +80,4 @@ def _own(
     if name not in defined:
         what = what.lower()
         raise DmfcError(f"{where}: {unknown_name(f'{what} of {file_name}', name, defined)}")
-    return OwnFunction(file, name, bytes_digest(content))
+    return CustomFunction(file, name, bytes_digest(content))

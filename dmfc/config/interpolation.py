@@ -1,4 +1,4 @@
-"""`${...}` of OmegaConf, by which a file could read the environment of who runs it."""
+"""`${...}` of OmegaConf, by which a file could read its user's environment."""
 
 from __future__ import annotations
 

@@ -199,9 +199,10 @@ class LossConfig:
     )
     q1: Q1Config = setting(Q1Config, "The grasp quality Q1.")
     q1_lower: Q1LowerConfig = setting(Q1LowerConfig, "The lower bound of Q1.")
-    own: dict[str, float] = setting(
+    custom: dict[str, float] = setting(
         {},
         "Weights of custom loss terms, each a function in a file: {my_losses.py:function: 1}.",
         least=-HEAVIEST,
         greatest=HEAVIEST,
+        formerly="own",
     )

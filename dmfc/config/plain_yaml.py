@@ -1,7 +1,7 @@
 """YAML as people read it: `012` is twelve or text, `yes` a word, a key given twice an error.
 
 YAML 1.1, which PyYAML follows, reads `012` as ten, `yes` as true and `1:30` as ninety. Here only
-true/false, decimal numbers and null are anything but text (the core schema of YAML 1.2).
+true/false, decimal numbers and null differ from text (the core schema of YAML 1.2).
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def _check_count(count: int) -> None:
 def _size(node: yaml.Node, known: dict[int, int]) -> int:
     """Number of values in `node`. Raises DmfcError where it contains itself."""
     if known.get(id(node)) == 0:
-        raise DmfcError("an alias stands inside what it repeats")
+        raise DmfcError("an alias is inside the value that it repeats")
     if id(node) not in known:
         known[id(node)] = 0  # until it is known
         children: list[yaml.Node] = []

@@ -51,11 +51,11 @@ def _layers(name: str, within: tuple[Path, ...]) -> list[Layer]:
     values = read_yaml(path)
     if not isinstance(values, Mapping):
         raise DmfcError(f"preset '{path}' is not a mapping of settings")
-    own = {key: value for key, value in values.items() if key != EXTENDS}
+    rest = {key: value for key, value in values.items() if key != EXTENDS}
     below = values.get(EXTENDS) or []
     names = [below] if isinstance(below, str) else below
     if not isinstance(names, list) or not all(isinstance(item, str) for item in names):
         raise DmfcError(f"{path}: extends wants the name of a preset or a list of names")
     within = (*within, path.resolve())
     layers = [layer for item in names for layer in _layers(item, within)]
-    return [*layers, Layer(path, own)]
+    return [*layers, Layer(path, rest)]

@@ -1,4 +1,4 @@
-"""Protocols: settings that hold while grasps are executed, and nowhere else.
+"""Protocols: settings that hold only while grasps are executed.
 
 Planning and training keep the settings of the preset, so that the same grasps and the same model
 can be laid under another protocol.

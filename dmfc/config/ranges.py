@@ -1,4 +1,4 @@
-"""What a setting may be: the range, the length and the kind that its field states."""
+"""Range, length and kind of a setting, as its field states them."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ import dataclasses
 from typing import Any
 
 KEYS_VERSION = 2
-"""Version of the settings' part of stage keys. A higher one makes every stage anew.
+"""Version of the settings' part of stage keys. A higher version reruns every stage.
 
 Raise it to change a default, and then drop the marks `later` and `formerly` of settings that came
 before. 1 had the settings of the paper as defaults, and `hand.opening`.

@@ -48,4 +48,4 @@ def _shipped_folder(folder: str) -> Path:
     for candidate in (package / folder, package.parent / folder):
         if candidate.is_dir():
             return candidate
-    raise DmfcError(f"this installation of dmfc lacks its '{folder}' folder: install it again")
+    raise DmfcError(f"this installation of dmfc has no folder '{folder}': install it again")

@@ -1,4 +1,4 @@
-"""Settings of validation: how good a model is, measured without a simulator while it learns."""
+"""Settings of validation, which measures a model during training without a simulator."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Finished stages and sweeps as one archive that another store takes in, verified.
+"""Finished stages and sweeps as one archive, which another store verifies and imports.
 
 The archive is a tar (compressed if its name ends in .gz) that begins with `manifest.json`: the
 addresses of its stages, the digest of every file in it, and how many bytes they have in all.
@@ -73,7 +73,7 @@ def export_to(
     except OSError as error:
         raise DmfcError(f"{place} cannot be reached: {first_line(error)}") from error
     if taken:
-        raise DmfcError(f"'{place}' is there already: remove it, or give another name")
+        raise DmfcError(f"'{place}' exists already: remove it, or give another name")
     with _temporary(ledger, place) as local:
         count = export(ledger, addresses, sweep_ids, local)
         _transfer(str(local), place)
@@ -110,9 +110,9 @@ def export(
     """
     stages = sorted(addresses)
     if not stages:
-        raise DmfcError("nothing to export: no stage of that is finished")
+        raise DmfcError("nothing to export: no stage of these sweeps is finished")
     if archive.exists():
-        raise DmfcError(f"'{archive}' is there already: remove it, or give another name")
+        raise DmfcError(f"'{archive}' exists already: remove it, or give another name")
     for address, wrong in verify(ledger, stages):
         if wrong:
             raise DmfcError(f"{address} cannot be exported: {wrong[0]} (dmfc store verify)")
@@ -120,9 +120,9 @@ def export(
     folders += [f"sweeps/{sweep_id}" for sweep_id in sweep_ids]
     digests = {name: _digests(ledger.store / name) for name in folders}
     names = [f"{folder}/{name}" for folder, files in digests.items() for name in files]
-    told = {"version": VERSION, "stages": stages, "folders": digests}
-    told["bytes"] = sum((ledger.store / name).stat().st_size for name in names)
-    manifest = json.dumps(told, indent=1).encode()
+    listing = {"version": VERSION, "stages": stages, "folders": digests}
+    listing["bytes"] = sum((ledger.store / name).stat().st_size for name in names)
+    manifest = json.dumps(listing, indent=1).encode()
     mode: Literal["w:gz", "w"] = "w:gz" if archive.suffix == ".gz" else "w"
     try:
         with written_whole(archive) as temporary, tarfile.open(temporary, mode) as tar:
@@ -151,7 +151,7 @@ def take_in(ledger: Ledger, archive: Path) -> Imported:
         stages, sweeps = _check(staging, archive, unpacked(archive, staging))
         return _adopt(ledger, staging, stages, sweeps)
     except tarfile.ReadError as error:
-        raise DmfcError(f"'{archive}' is no tar archive, or a damaged one") from error
+        raise DmfcError(f"'{archive}' is not a tar archive, or it is damaged") from error
     except (OSError, tarfile.TarError, EOFError, zlib.error) as error:
         raise DmfcError(f"'{archive}' was not taken in: {error}") from error
     finally:
@@ -217,5 +217,5 @@ def _adopt(ledger: Ledger, staging: Path, stages: list[str], sweeps: list[str]) 
 def _digests(folder: Path) -> dict[str, str]:
     """Digests of all files of a folder, the record first."""
     found = folder_digests(folder)
-    own = {RECORD: found.pop(RECORD)} if RECORD in found else {}
-    return own | found
+    first = {RECORD: found.pop(RECORD)} if RECORD in found else {}
+    return first | found

@@ -1,4 +1,4 @@
-"""What a stage's function is given: settings, inputs, where to write, how to tell progress."""
+"""The argument of a stage's function: settings, inputs, where to write, how to report progress."""
 
 from __future__ import annotations
 
@@ -63,37 +63,37 @@ class StageContext:
         if now - self._last_write < PROGRESS_SECONDS:
             return
         self._last_write = now
-        told = {"fraction": float(fraction), "message": message}
-        write_json(progress_file(self.work), told, durable=False)
+        progress = {"fraction": float(fraction), "message": message}
+        write_json(progress_file(self.work), progress, durable=False)
 
 
 def progress_file(work: Path) -> Path:
-    """Where the stage with this work folder tells its progress."""
+    """Where the stage with this work folder reports its progress."""
     return work / "progress.json"
 
 
 def read_progress(work: Path) -> tuple[float, str]:
-    """Fraction and message last told from this work folder; (0, '') before the first."""
+    """Last fraction and message of this work folder; (0, '') before the first."""
     try:
-        told = json.loads(progress_file(work).read_bytes())
-        return float(told["fraction"]), str(told["message"])
+        progress = json.loads(progress_file(work).read_bytes())
+        return float(progress["fraction"]), str(progress["message"])
     except (FileNotFoundError, ValueError, KeyError, TypeError):  # none yet, or a power cut
         return 0.0, ""
 
 
 def tell_attempt(work: Path, attempt: str, started: datetime, node: str = "") -> None:
     """Say that a process has begun this stage: which attempt, where (Ray's id too) and when."""
-    told = {"attempt": attempt, "host": platform.node(), "pid": os.getpid(), "node": node}
-    write_json(work / ATTEMPT, {**told, "started": started.timestamp()}, durable=False)
+    entry = {"attempt": attempt, "host": platform.node(), "pid": os.getpid(), "node": node}
+    write_json(work / ATTEMPT, {**entry, "started": started.timestamp()}, durable=False)
 
 
 def read_attempt(work: Path) -> dict[str, Any]:
-    """What was last told by `tell_attempt`; empty if no process has begun this stage.
+    """What `tell_attempt` wrote last; empty if no process has begun this stage.
 
     Empty too where the file is damaged: whoever wrote it is gone since.
     """
     try:
-        told = json.loads((work / ATTEMPT).read_bytes())
+        entry = json.loads((work / ATTEMPT).read_bytes())
     except (FileNotFoundError, ValueError):
         return {}
-    return told if isinstance(told, dict) and told.keys() >= _ATTEMPT_KEYS else {}
+    return entry if isinstance(entry, dict) and entry.keys() >= _ATTEMPT_KEYS else {}

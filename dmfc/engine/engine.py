@@ -1,4 +1,4 @@
-"""Runs a graph of stages: each once, as soon as its inputs are there, failures kept apart."""
+"""Runs a graph of stages: each one once, as soon as its inputs are finished."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import Protocol
 from dmfc.config.schema import Config
 from dmfc.config.sweep import StageLimits
 from dmfc.engine.context import read_attempt
+from dmfc.engine.effort import ranks
 from dmfc.engine.kinds import Registry, kind_of
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.lookout import Lookout
@@ -134,7 +135,7 @@ class _Drive:
         for address, parents in self.waiting_for.items():
             for parent in parents:
                 self.users[parent].append(address)
-        self.rank = _ranks(needed, self.users)
+        self.rank = ranks(needed, self.users)
         self.ready = [self._entry(a) for a, parents in self.waiting_for.items() if not parents]
         heapq.heapify(self.ready)
         self.running: dict[str, Job] = {}
@@ -220,8 +221,8 @@ class _Drive:
     def _stop_overdue(self) -> None:
         """End the stages that have taken longer than their limit."""
         for job in [job for job in self.running.values() if job.seconds]:
-            told = read_attempt(self.ledger.work(job.address))
-            if told.get("attempt") == job.attempt and time.time() - told["started"] > job.seconds:
+            begun = read_attempt(self.ledger.work(job.address))
+            if begun.get("attempt") == job.attempt and time.time() - begun["started"] > job.seconds:
                 self.pool.cancel(job)
                 reason = f"took longer than {job.seconds:g} s (run.{job.kind}.seconds)"
                 self._settle(job, self._failed(job, reason))
@@ -269,11 +270,3 @@ class _Drive:
             sign=self.sign,
         )
         return self.retries.placed(job)
-
-
-def _ranks(needed: dict[str, Stage], users: dict[str, list[str]]) -> dict[str, tuple[int, int]]:
-    """What the longest chain of users hangs on comes first; ties keep the order of the graph."""
-    height: dict[str, int] = {}
-    for address in reversed(list(needed)):
-        height[address] = 1 + max((height[user] for user in users[address]), default=0)
-    return {address: (-height[address], place) for place, address in enumerate(needed)}

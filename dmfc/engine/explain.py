@@ -17,9 +17,9 @@ def reasons(stages: Iterable[Stage], ledger: Ledger, kinds: Registry) -> dict[st
     """Why each stage that is not finished must run, by address; inputs come before their users.
 
     A stage's own settings come first ('losses.weights.collision 1.0 -> 2.0'); without a difference
-    there, the inputs that are made anew, or that it has never been made.
+    there, the inputs that are made again, or that it has never been made.
     """
-    told: dict[str, str] = {}
+    explained: dict[str, str] = {}
     records: dict[str, list[dict[str, Any]]] = {}
     for stage in stages:
         if ledger.finished(stage.address):
@@ -27,15 +27,15 @@ def reasons(stages: Iterable[Stage], ledger: Ledger, kinds: Registry) -> dict[st
         if stage.kind not in records:
             records[stage.kind] = list(ledger.records(stage.kind))
         identity = kind_of(stage.kind, kinds).identity
-        told[stage.address] = _reason(stage, identity, records[stage.kind], told)
-    return told
+        explained[stage.address] = _reason(stage, identity, records[stage.kind], explained)
+    return explained
 
 
 def _reason(
     stage: Stage,
     identity: Sequence[str],
     known: Sequence[dict[str, Any]],
-    told: Mapping[str, str],
+    explained: Mapping[str, str],
 ) -> str:
     settings = plain(stage.config)
     candidates = [
@@ -53,11 +53,11 @@ def _reason(
         shown = found[likest][:SHOWN]
         more = len(found[likest]) - len(shown)
         return "; ".join(shown) + (f"; and {more} more" if more else "")
-    anew = [parent for parent in stage.parents if parent.address in told]
-    if anew:
-        names = ", ".join(f"{parent.kind} {parent.name}" for parent in anew[:SHOWN])
-        others = f" and {len(anew) - SHOWN} more" if len(anew) > SHOWN else ""
-        return f"its inputs are made anew: {names}{others}"
+    rerun = [parent for parent in stage.parents if parent.address in explained]
+    if rerun:
+        names = ", ".join(f"{parent.kind} {parent.name}" for parent in rerun[:SHOWN])
+        others = f" and {len(rerun) - SHOWN} more" if len(rerun) > SHOWN else ""
+        return f"its inputs are made again: {names}{others}"
     return "its inputs are others"
 
 

@@ -1,4 +1,4 @@
-"""What Ray is slow to say, or never says: looked up in the ledger and asked of the nodes."""
+"""Finds out what Ray reports late or never, from the ledger and by asking the nodes."""
 
 from __future__ import annotations
 
@@ -56,14 +56,14 @@ class Lookout:
         """What became of a job; None while it waits or runs."""
         if self._ledger.finished(job.address):
             return Outcome("done") if self._lasts(job, "finished", ANSWER_SECONDS) else None
-        told = read_attempt(self._ledger.work(job.address))
-        if told.get("attempt") == job.attempt:
-            return self._lost(job, told, nodes)
+        holder = read_attempt(self._ledger.work(job.address))
+        if holder.get("attempt") == job.attempt:
+            return self._lost(job, holder, nodes)
         if newly_cut:  # it may wait for a worker over there
             return Outcome("cut", "submitted again, since a node was cut off")
         lack = unmet(job, nodes)
         if not lack:
-            self._say_who_holds(job, told)
+            self._say_who_holds(job, holder)
         elif self._scales_up:
             self._once(f"{job.kind} {job.name} waits: {lack}")
         elif self._lasts(job, "unmet", UNMET_SECONDS):
@@ -71,9 +71,9 @@ class Lookout:
             return Outcome("unmet", lack + advice)
         return None
 
-    def _lost(self, job: Job, told: dict[str, Any], nodes: Sequence[Node]) -> Outcome | None:
+    def _lost(self, job: Job, holder: dict[str, Any], nodes: Sequence[Node]) -> Outcome | None:
         """'cut' if the node at work on a job is gone or does not answer."""
-        node, host = str(told.get("node", "")), str(told["host"])
+        node, host = str(holder.get("node", "")), str(holder["host"])
         if node in self.cut_off:
             return Outcome("cut", f"its node {host} does not answer", node=node, host=host)
         gone = node and node not in {other.id for other in nodes}
@@ -81,14 +81,14 @@ class Lookout:
             return Outcome("cut", f"its node {host} is gone", node=node, host=host)
         return None
 
-    def _say_who_holds(self, job: Job, told: dict[str, Any]) -> None:
+    def _say_who_holds(self, job: Job, holder: dict[str, Any]) -> None:
         """Say which process of another driver is at work on a stage that this one waits for."""
-        if not told:
+        if not holder:
             return
         try:
             self._ledger.lock(job.address).acquire(timeout=0).lock.release()
         except Timeout:
-            self._once(held_by(job, told))
+            self._once(held_by(job, holder))
 
     def _lasts(self, job: Job, what: str, seconds: float) -> bool:
         """Whether something has been so for some time, at every look."""
@@ -102,7 +102,7 @@ class Lookout:
             self._note(text)
 
 
-def held_by(job: Job, told: dict[str, Any]) -> str:
+def held_by(job: Job, holder: dict[str, Any]) -> str:
     """Who holds the lock of a job's stage, as `read_attempt` tells."""
-    by = f"process {told['pid']} on {told['host']}" if told else "another process"
+    by = f"process {holder['pid']} on {holder['host']}" if holder else "another process"
     return f"{job.kind} {job.name}: {by} is at work on it; this call waits for that"

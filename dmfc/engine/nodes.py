@@ -1,4 +1,4 @@
-"""The nodes of a cluster: what each can give, which answer, and which fail at whatever they do."""
+"""The nodes of a cluster: their resources, whether they answer, and which ones always fail."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where jobs run: in this process one after the other, or on Ray."""
+"""Runs jobs: one after the other in this process, or on Ray."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from dmfc.errors import first_line
 NODE_DEATHS = ("LocalRayletDiedError", "NodeDiedError", "RaySystemError")
 """Errors of Ray after which the cluster of one node that we started is gone."""
 DRIVER_NODE_DEATHS = ("LocalRayletDiedError", "RaySystemError")
-"""Errors of Ray after which this process must connect to its cluster anew."""
+"""Errors of Ray after which this process must connect to its cluster again."""
 CAPACITY_SECONDS = 2.0
 """Time between two looks at how large the cluster is: nodes come and go."""
 NODE_LABEL = "ray.io/node-id"
@@ -46,7 +46,7 @@ class Pool(Protocol):
         """Jobs finished since the last call; waits up to `seconds` for one."""
 
     def cancel(self, job: Job) -> None:
-        """End the process of a job; nothing of it will be told."""
+        """End the process of a job; its result will not be reported."""
 
     def close(self, abandon: bool) -> None:
         """Free everything; with `abandon`, stop running jobs first."""
@@ -56,7 +56,7 @@ class LocalPool:
     """Runs each job in this process, at the moment somebody waits for it."""
 
     def __init__(self, run: RunConfig, note: Callable[[str], None] = lambda text: None) -> None:
-        """`note` is told which process a job waits for."""
+        """`note` receives the process that a job waits for."""
         self.cpus = usable_cpus(run)
         self._note = note
         self._queue: deque[Job] = deque()
@@ -120,7 +120,7 @@ class RayPool:
     def submit(self, job: Job) -> None:
         if self._broken and self._owns:
             self._restart()
-        # max_retries=0: the engine counts attempts, so that a death is seen and told.
+        # max_retries=0: the engine counts attempts, so that a death is seen and reported.
         task = self._task.options(
             name=f"{job.kind} {job.name}",
             num_cpus=job.cpus,
@@ -162,7 +162,7 @@ class RayPool:
             self._ray.shutdown()
 
     def _restart(self) -> None:
-        """Ray itself died here: start it again. What ran on it is told as died by the next wait."""
+        """Ray itself died here: start it again. The next wait reports its jobs as died."""
         self._ray.shutdown()
         self._lost += list(self._running.values())
         self._running.clear()

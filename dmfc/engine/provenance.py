@@ -53,8 +53,8 @@ def read_provenance(folder: Path) -> list[dict[str, Any]]:
 
     A damaged file is set aside, with a warning: what came before is then not known here.
     """
-    told = read_or_replace(folder / PROVENANCE, SEALED_VERSION) or []
-    calls = told["calls"] if isinstance(told, dict) else told
+    stored = read_or_replace(folder / PROVENANCE, SEALED_VERSION) or []
+    calls = stored["calls"] if isinstance(stored, dict) else stored
     for call in calls:
         path = folder / call.get("diff", "")
         known = call.get("diff_sha256")

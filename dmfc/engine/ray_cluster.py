@@ -1,4 +1,4 @@
-"""Ray: a cluster of its own on this machine, or the one at `run.ray_address`, and its head."""
+"""Ray: a new cluster on this machine or the one at `run.ray_address`, and its head."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ import socket
 import sys
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Any
 
 from dmfc.config.sweep import RunConfig
@@ -150,32 +149,35 @@ def _init_ray(run: RunConfig) -> None:
     # Ray 2.60 still hides GPUs from num_gpus=0 tasks; this is the behaviour it announces.
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
     quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": "ERROR"}
-    with _our_sigterm():
-        if run.ray_address:
-            ray.init(address=run.ray_address, **quiet)
-            return
-        ray.init(
-            address="local",
-            num_cpus=usable_cpus(run),
-            include_dashboard=False,
-            object_store_memory=OBJECT_STORE_BYTES,
-            **quiet,
-        )
+    if run.ray_address:
+        _with_our_sigterm(ray.init, address=run.ray_address, **quiet)
+        return
+    _with_our_sigterm(
+        ray.init,
+        address="local",
+        num_cpus=usable_cpus(run),
+        include_dashboard=False,
+        object_store_memory=OBJECT_STORE_BYTES,
+        **quiet,
+    )
 
 
-@contextmanager
-def _our_sigterm() -> Iterator[None]:
-    """`ray.init` puts a handler of its own for SIGTERM, which raises SystemExit: take it away."""
+def _with_our_sigterm(init: Callable[..., Any], **settings: Any) -> None:
+    """Call `ray.init`, which installs a handler for SIGTERM that raises SystemExit; remove that.
+
+    Not a context manager: the handler may be called between two lines of `__exit__`.
+    """
     if threading.current_thread() is not threading.main_thread():
-        yield
+        init(**settings)
         return
     ours = signal.getsignal(signal.SIGTERM)
     try:
-        yield
+        try:
+            init(**settings)
+        finally:
+            signal.signal(signal.SIGTERM, ours)
     except SystemExit as ended:
         signal.signal(signal.SIGTERM, ours)
         if ended.code == signal.SIGTERM:
             signal.raise_signal(signal.SIGTERM)
         raise
-    finally:
-        signal.signal(signal.SIGTERM, ours)

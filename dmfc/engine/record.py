@@ -1,4 +1,4 @@
-"""What a finished stage's folder says of itself: its record, its failure, and whether it is whole.
+"""The record of a finished stage's folder: settings, failure, and whether all files are whole.
 
 `stage.json` is sealed and holds the digests of the other files. A folder whose record is damaged is
 not finished. One whose other files are damaged is, but `verified` lets nobody use it.

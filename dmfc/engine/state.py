@@ -1,6 +1,6 @@
-"""How a sweep stands: which drivers are at work on it, how the last one ended, what failed.
+"""The state of a sweep: its running drivers, how the last one ended, and failures.
 
-A driver holds a lock while it lives. A mark whose lock is free is of a driver that was killed.
+A driver holds a lock while it lives. A mark whose lock is free belongs to a killed driver.
 """
 
 from __future__ import annotations
@@ -41,22 +41,22 @@ class SweepState:
 
 def read_state(folder: Path) -> SweepState:
     """How the sweep of that folder stands now. A damaged state is warned of and forgotten."""
-    told = read_or_replace(folder / STATE, SEALED_VERSION) or {}
+    stored = read_or_replace(folder / STATE, SEALED_VERSION) or {}
     living, dead = _drivers(folder)
-    status: Status = told.get("status", "UNSTARTED")
+    status: Status = stored.get("status", "UNSTARTED")
     if living:
         status = "RUNNING"
     elif dead or status == "RUNNING":
         status = "KILLED"
     names = [f"{mark['host']}:{mark['pid']}" for mark in living]
-    return SweepState(status, told.get("failures", {}), told.get("started", 0.0), names)
+    return SweepState(status, stored.get("failures", {}), stored.get("started", 0.0), names)
 
 
 def write_state(folder: Path, status: Status, failures: Mapping[str, str]) -> None:
     """Say how the sweep stands, as this driver sees it."""
     started = read_state(folder).started or time.time()
-    told = {"status": status, "failures": dict(failures), "started": started}
-    write_sealed(folder / STATE, SEALED_VERSION, told)
+    stored = {"status": status, "failures": dict(failures), "started": started}
+    write_sealed(folder / STATE, SEALED_VERSION, stored)
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""What is being done on a sweep now, seen from any process that sees the store."""
+"""The running stages of a sweep, for any process that sees the store."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ def counts(ledger: Ledger, stages: Iterable[str]) -> dict[str, tuple[int, int]]:
 def running(ledger: Ledger, stages: Mapping[str, str]) -> Iterator[Running]:
     """Those of the stages (address -> name) that are being run: begun, not finished, locked."""
     for address, name in stages.items():
-        told = read_attempt(ledger.work(address))
-        if not told or ledger.finished(address):
+        begun = read_attempt(ledger.work(address))
+        if not begun or ledger.finished(address):
             continue
         if is_held(Path(ledger.lock(address).lock_file)):  # else whoever began it is dead
             fraction, message = read_progress(ledger.work(address))
-            seconds = time.time() - told["started"]
-            yield Running(address, name, told["host"], seconds, fraction, message)
+            seconds = time.time() - begun["started"]
+            yield Running(address, name, begun["host"], seconds, fraction, message)

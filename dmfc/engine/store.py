@@ -1,4 +1,4 @@
-"""What a store holds: listed, checked against its digests, and freed of what nothing refers to."""
+"""Lists the stages of a store, checks their digests, and removes unused ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a stage takes of its machine: CPU, memory and GPU, sampled while it runs."""
+"""CPU, memory and GPU that a stage uses, sampled while it runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An archive of stages unpacked without trust: only what its manifest lists, and no more of it."""
+"""Unpacks an archive of stages without trust: only the files and bytes that its manifest lists."""
 
 from __future__ import annotations
 
@@ -74,7 +74,9 @@ def _manifest(tar: tarfile.TarFile, archive: Path) -> dict[str, Any]:
         found = json.loads(stream.read())
         return {**found, "stages": list(found["stages"]), "folders": dict(found["folders"])}
     except (ValueError, KeyError, TypeError, RecursionError) as error:
-        raise DmfcError(f"'{archive}' is no archive of stages: no manifest ({error})") from error
+        raise DmfcError(
+            f"'{archive}' is not an archive of stages: no manifest ({error})"
+        ) from error
 
 
 def _names(manifest: Mapping[str, Any], archive: Path) -> set[str]:
@@ -83,7 +85,9 @@ def _names(manifest: Mapping[str, Any], archive: Path) -> set[str]:
             f"{folder}/{name}" for folder, files in manifest["folders"].items() for name in files
         }
     except TypeError as error:
-        raise DmfcError(f"'{archive}' is no archive of stages: no manifest ({error})") from error
+        raise DmfcError(
+            f"'{archive}' is not an archive of stages: no manifest ({error})"
+        ) from error
 
 
 def _limit(manifest: Mapping[str, Any], archive: Path) -> int:

@@ -1,4 +1,4 @@
-"""One attempt at one stage, in whatever process it is run: Ray's worker or the driver itself."""
+"""One attempt at one stage, in a worker of Ray or in the driver itself."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ def crash_in(work: Path) -> str:
 
 
 @contextmanager
-def _crash_told(work: Path) -> Iterator[None]:
+def _crash_reported(work: Path) -> Iterator[None]:
     """While it lasts, a crash of this process (not its being killed) leaves `CRASH_LOG`."""
     enabled = faulthandler.is_enabled()
     with (work / CRASH_LOG).open("w") as log:
@@ -159,9 +159,9 @@ def _attempt(job: Job, ledger: Ledger, out: Path, node: str) -> Outcome:
     _limit_threads(job.cpus)
     context = _context(job, ledger, out)  # damaged inputs are no failure of this stage
     # In a worker of Ray alone: the process of a driver has its own ways to tell a crash.
-    told = _crash_told(work) if node else nullcontext()
+    crashes = _crash_reported(work) if node else nullcontext()
     try:
-        with told, sampled(work, job.system_seconds, job.gpus):
+        with crashes, sampled(work, job.system_seconds, job.gpus):
             _load(job.entry)(context)
     except Exception as error:
         if not job.may_fail or of_machine(error):

@@ -1,4 +1,4 @@
-"""The columns of a trial table that tell its grasp; `dmfc.outcome.trials` reads them back."""
+"""The columns of a trial table that hold its grasp; `dmfc.outcome.trials` reads them back."""
 
 from __future__ import annotations
 

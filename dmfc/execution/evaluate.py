@@ -44,7 +44,7 @@ from dmfc.prediction.cloud_check import CloudCheck
 from dmfc.scenes.labels import HandAtGrasps, surviving_labels
 from dmfc.scenes.scene_set import Scene, SceneSet
 
-Row = Literal["model", "planner", "random", "method", "answers"]
+Source = Literal["model", "planner", "random", "method", "answers"]
 Method = Callable[[Scene], Answered]
 """Somebody else's method: a scene -> what it answered, or why it did not."""
 Progress = Callable[[float, str], None]
@@ -54,7 +54,7 @@ Progress = Callable[[float, str], None]
 class Evaluation:
     """All that the trials of a set of scenes depend on."""
 
-    row: Row
+    source: Source
     """Where grasps come from: a `network`, the labels of `grasps`, chance, or a `method`."""
     scenes: SceneSet
     objects: Mapping[str, ObjectModel]
@@ -71,15 +71,14 @@ class Evaluation:
     judge: Judge | HeadJudge | None = None
     """Ranks the proposals; None: their confidence does."""
     method: Method | None = None
-    """For the rows 'method' and 'answers' alone."""
+    """For the sources 'method' and 'answers' alone."""
 
     def __post_init__(self) -> None:
-        if (self.row == "model") != (self.network is not None) or (self.row == "planner") != (
-            self.grasps is not None
-        ):
-            raise DmfcError(f"row '{self.row}': a model needs a network, the planner needs grasps")
-        if (self.row in ("method", "answers")) != (self.method is not None):
-            raise DmfcError(f"row '{self.row}': a method is needed for its rows, and for no other")
+        needs_network, needs_grasps = self.source == "model", self.source == "planner"
+        if needs_network != (self.network is not None) or needs_grasps != (self.grasps is not None):
+            raise DmfcError(f"'{self.source}': a model needs a network, the planner needs grasps")
+        if (self.source in ("method", "answers")) != (self.method is not None):
+            raise DmfcError(f"'{self.source}': 'method' and 'answers' need a method, others none")
         if (self.config.score == "outcome") != (self.judge is not None):
             raise DmfcError("an outcome predictor is needed where it ranks (execution.score)")
 

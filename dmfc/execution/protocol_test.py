@@ -19,7 +19,7 @@ from typing import Any, Protocol, cast
 
 import numpy as np
 
-from dmfc.config.custom_function import is_own, own_class
+from dmfc.config.custom_function import custom_class, is_custom
 from dmfc.config.execution import ExecutionConfig
 from dmfc.config.physics import PhysicsConfig
 from dmfc.errors import DmfcError, unknown_name
@@ -84,8 +84,8 @@ def open_test(setup: Setup) -> ProtocolTest:
     name = setup.config.test
     if name == LIFT:
         return TrialRunner(setup.world(), setup.hand, setup.T_world_object, setup.config)
-    if is_own(name):
-        return _Checked(own_class(name, SETTING).load()(setup), name)
+    if is_custom(name):
+        return _Checked(custom_class(name, SETTING).load()(setup), name)
     if name not in SHIPPED:
         raise unknown_name(f"test ({SETTING})", name, [LIFT, *SHIPPED])
     module, _, made = SHIPPED[name].partition(":")

@@ -1,8 +1,8 @@
-"""Many trials of a model's own predictions, to learn from: which of them hold, and which do not.
+"""Many trials of a model's predictions, from which an outcome predictor learns.
 
-Evaluation executes the best K of a scene. To tell a good grasp from a bad one the bad ones are
-needed, too: most are drawn uniformly among all that are clear of the cloud, some are the most
-confident, some are refused by the cloud, which planning then mostly refuses in a millisecond.
+Evaluation executes the best K of a scene. To learn the difference, bad grasps are needed, too: most
+are drawn uniformly among all that are clear of the cloud, some are the most confident, some are
+refused by the cloud, which planning then mostly refuses in a millisecond.
 """
 
 from __future__ import annotations

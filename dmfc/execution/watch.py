@@ -122,7 +122,7 @@ class Watch:
     def _measure(self, phase: str, deep: Depths) -> None:
         world, outcome = self.world, self.outcome
         outcome.hand_penetration = max(outcome.hand_penetration, deep.target, deep.others)
-        outcome.self_penetration = max(outcome.self_penetration, deep.own)
+        outcome.self_penetration = max(outcome.self_penetration, deep.itself)
         for k, rest in enumerate(self.rest_poses):
             if k != self.target:
                 moved = (world.object_pose(k) - rest) @ np.append(world.objects[k].com, 1.0)

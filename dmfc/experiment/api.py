@@ -129,13 +129,13 @@ class Experiment:
 
     def sweep(self, file: str | Path) -> SweepResult:
         """Run every cell of a sweep file, or of a shipped sweep such as 'table1'."""
-        from dmfc.experiment.drive import disk_errors_told, drive
+        from dmfc.experiment.drive import drive, explained_disk_errors
         from dmfc.sweep.planner import plan_sweep
         from dmfc.sweep.sweep_file import load_sweep
 
         ledger, builder = self._session.ledger, self._session.builder
         plan = plan_sweep(load_sweep(str(file)), builder, self.preset, self._overrides, ledger)
-        with _interruptible(), disk_errors_told(ledger):
+        with _interruptible(), explained_disk_errors(ledger):
             driven = drive([plan], ledger, as_json=True)
         name = Path(driven.results[0]["folder"]).name
         return self.tables([name])[0]

@@ -1,4 +1,4 @@
-"""Methods of other people on our test scenes: the scenes as files, and grasps that come back."""
+"""Other methods on our test scenes: writes the scenes as files, and reads grasps from files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is printed: for people on standard error, answers on standard output."""
+"""Printing: messages on standard error, answers on standard output."""
 
 from __future__ import annotations
 

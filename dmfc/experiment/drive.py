@@ -17,6 +17,7 @@ from dmfc.experiment.session import run_shown
 if TYPE_CHECKING:
     from dmfc.engine.engine import Outcomes
     from dmfc.engine.ledger import Ledger
+    from dmfc.report.rates import Over
     from dmfc.report.table import SweepTable
     from dmfc.sweep.plan import SweepPlan
     from dmfc.sweep.record import SearchRecord, SweepRecord
@@ -81,19 +82,19 @@ def drive(plans: Sequence[SweepPlan], ledger: Ledger, as_json: bool) -> Driven:
     finally:
         live.finish(patience)
     results = [_result(*item, ledger, ran > 0) for item in zip(plans, tables, strict=True)]
-    told = all("error" not in result["mlflow"] for result in results)
-    return Driven(ran, told and not any(_incomplete(table) for table in tables), results)
+    tracked = all("error" not in result["mlflow"] for result in results)
+    return Driven(ran, tracked and not any(_incomplete(table) for table in tables), results)
 
 
 @contextmanager
-def disk_errors_told(ledger: Ledger) -> Iterator[None]:
+def explained_disk_errors(ledger: Ledger) -> Iterator[None]:
     """Turns an error of the driver's own files into a line; those of stages are outcomes."""
     try:
         yield
     except OSError as error:
         raise DmfcError(
-            f"the store '{ledger.store}' cannot be used: {error.strerror or error}; what is "
-            "finished is kept: once that is mended, run the same line again"
+            f"the store '{ledger.store}' cannot be used: {error.strerror or error}; finished "
+            "stages are kept: once the store can be written, run the same line again"
         ) from error
 
 
@@ -157,10 +158,12 @@ def write_tables(
     failures: Mapping[str, str],
     as_json: bool,
     read_only: bool = False,
+    over: Over = "scenes",
 ) -> SweepTable:
     """Make, write and (unless a machine asks) print the table of one sweep.
 
-    `read_only`: where the store cannot be written, say so and go on.
+    `read_only`: where the store cannot be written, say so and go on. `over`: what the intervals
+    hold for that are printed.
     """
     from dmfc.report.collect import collect, table_from, write_table
     from dmfc.report.left_out import left_out
@@ -177,27 +180,23 @@ def write_tables(
             raise
         stderr().print(f"not written: {error}", markup=False, soft_wrap=True)
     if not as_json:
-        _print_table(table, paths)
+        print_table(table, paths, over)
     return table
 
 
 def page_writer(ledger: Ledger, description: SweepRecord, table: SweepTable) -> Callable[[], Path]:
     """Draw the figures of a sweep's page; gives what writes the page as things then stand."""
-    from dmfc.engine.state import read_state
-    from dmfc.report.collect import collect
     from dmfc.report.page import draw_figures, write_page
 
-    failures = read_state(ledger.store / "sweeps" / table.id).failures
-    cells = collect(ledger, description, failures)
     figures = draw_figures(ledger, description, table)
-    return lambda: write_page(ledger, description, table, cells, figures)
+    return lambda: write_page(ledger, description, table, figures)
 
 
-def show_status(told: Mapping[str, Any]) -> None:
+def show_status(status: Mapping[str, Any]) -> None:
     """Print how one sweep stands."""
-    at = f" by {', '.join(told['drivers'])}" if told["drivers"] else ""
-    typer.echo(f"{told['sweep']}: {told['status']}{at}")
-    stages = [{"kind": k, "done": d, "stages": n} for k, (d, n) in told["stages"].items()]
+    at = f" by {', '.join(status['drivers'])}" if status["drivers"] else ""
+    typer.echo(f"{status['sweep']}: {status['status']}{at}")
+    stages = [{"kind": k, "done": d, "stages": n} for k, (d, n) in status["stages"].items()]
     show_rows("stages", stages, as_json=False)
     now = [
         {
@@ -206,11 +205,11 @@ def show_status(told: Mapping[str, Any]) -> None:
             "seconds": round(item["seconds"]),
             "progress": f"{item['fraction']:.0%} {item['message']}".strip(),
         }
-        for item in told["running"]
+        for item in status["running"]
     ]
     if now:
         show_rows("running", now, as_json=False)
-    failed = [{"stage": name, "reason": reason} for name, reason in told["failures"].items()]
+    failed = [{"stage": name, "reason": reason} for name, reason in status["failures"].items()]
     if failed:
         show_rows("failed", failed, as_json=False)
 
@@ -219,13 +218,13 @@ def _incomplete(table: SweepTable) -> bool:
     return any(row.failure for row in table.rows)
 
 
-def _result(plan: SweepPlan, table: SweepTable, ledger: Ledger, anew: bool) -> dict[str, Any]:
+def _result(plan: SweepPlan, table: SweepTable, ledger: Ledger, changed: bool) -> dict[str, Any]:
     """Page and tracking of one sweep, and its answer for a machine."""
     from dmfc.report.formats import to_json
     from dmfc.report.outputs import intact
     from dmfc.report.page import PAGE
 
-    if anew or not intact(plan.folder(ledger), PAGE):
+    if changed or not intact(plan.folder(ledger), PAGE):
         write = page_writer(ledger, plan.record(), table)
         write()  # for MLflow to show
         tracked = _track(plan, ledger)
@@ -251,7 +250,7 @@ def _track(plan: SweepPlan, ledger: Ledger) -> dict[str, str]:
 
     try:
         tracked = project_sweep(ledger, plan.id, plan.config.run.tracking_uri)
-    except DmfcError as error:  # the table stands, and other sweeps have theirs to tell
+    except DmfcError as error:  # the table stands, and other sweeps have their own result
         stderr().print(f"{plan.id}: {error}", markup=False, soft_wrap=True)
         return {"error": str(error)}
     return {
@@ -261,7 +260,8 @@ def _track(plan: SweepPlan, ledger: Ledger) -> dict[str, str]:
     }
 
 
-def _print_table(table: SweepTable, paths: Sequence[Path]) -> None:
+def print_table(table: SweepTable, paths: Sequence[Path], over: Over = "scenes") -> None:
+    """Print a table, what it is made without, and the files that have it."""
     from rich.console import Console
 
     from dmfc.report.formats import to_rich
@@ -271,7 +271,7 @@ def _print_table(table: SweepTable, paths: Sequence[Path]) -> None:
     console = Console(highlight=False)
     if not console.is_terminal:  # a log or a pipe has no width to fit
         console.width = 140
-    console.print(to_rich(table))
+    console.print(to_rich(table, over))
     console.print(left_out_line(table.left_out, SHOWN), markup=False, soft_wrap=True)
     if table.trials:
         console.print(trials_to_rich(table.trials))

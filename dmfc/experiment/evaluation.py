@@ -109,14 +109,16 @@ def evaluated(
 
 
 def _implausible(session: Session) -> list[str]:
-    """Warnings of masses that the user's own test objects cannot have."""
+    """Warnings of masses that the user's test objects cannot have."""
     from dmfc.objects.mass import implausible_mass
     from dmfc.pipeline.artifacts import load_object
 
     objects = session.builder.objects(session.config, "test")
-    own = [stage for stage in objects if stage.name.startswith(("folder/", "own/"))]
+    users = [stage for stage in objects if stage.name.startswith(("folder/", "own/"))]
     ledger = session.ledger
-    made = [s.address for s in own if ledger.finished(s.address) and not ledger.failure(s.address)]
+    made = [
+        s.address for s in users if ledger.finished(s.address) and not ledger.failure(s.address)
+    ]
     return [implausible_mass(load_object(ledger.verified(address))) for address in made]
 
 
@@ -190,6 +192,15 @@ def read_trials(text: str) -> pd.DataFrame:
     return rows[rows["cell"] == cell]
 
 
+def cells_of(rows: pd.DataFrame, base: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    """The rows of each cell but the base; all rows where they name no cell."""
+    if "cell" not in rows:
+        return {"": rows}
+    parts = {str(name): part for name, part in rows.groupby("cell", sort=False)}
+    others = {name: part for name, part in parts.items() if not part.equals(base)}
+    return others if len(parts) > 1 else parts
+
+
 @dataclass(frozen=True)
 class _Source:
     """Where the grasps of an evaluation come from; all empty for a known name."""
@@ -205,7 +216,7 @@ class _Source:
 
 
 def _source(source: str) -> _Source:
-    from dmfc.config.custom_function import own_function
+    from dmfc.config.custom_function import custom_function
     from dmfc.pipeline.artifacts import WEIGHTS
     from dmfc.sweep.models import MODELS, method_text, shipped_methods
 
@@ -213,7 +224,7 @@ def _source(source: str) -> _Source:
     if source in MODELS:
         return _Source()
     if method:
-        own_function(method, "evaluate")
+        custom_function(method, "evaluate")
         return _Source(method=method)
     if (path / WEIGHTS).is_file():
         from dmfc.network.checkpoint import load_alone

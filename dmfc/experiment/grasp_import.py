@@ -69,9 +69,9 @@ def import_grasps(session: Session, request: ImportRequest) -> Imported:
     hand_map = load_hand_map(request.hand_map or request.format)
     read: dict[Stage, ForeignGrasps] = {}
     failed: dict[str, str] = {}
-    for stage, own in files_by_object.items():
+    for stage, of_object in files_by_object.items():
         try:
-            foreign = _read(request, own, hand_map)
+            foreign = _read(request, of_object, hand_map)
             read[_of_size(session, stage, foreign)] = foreign
         except DmfcError as error:
             if alone:
@@ -90,7 +90,7 @@ def import_grasps(session: Session, request: ImportRequest) -> Imported:
             if alone:
                 raise
             failed[stage.name] = str(error)
-    known = {file for own in files_by_object.values() for file in own}
+    known = {file for of_object in files_by_object.values() for file in of_object}
     return Imported(sets, failed, [file for file in files if file not in known])
 
 
@@ -105,7 +105,7 @@ def _of_size(session: Session, stage: Stage, foreign: ForeignGrasps) -> Stage:
     """The object; a mesh of the user's own without a unit is a normalised one, times the scale."""
     from dmfc.objects.folder import scaled
 
-    if not len(foreign.scales):
+    if not foreign.has_scales:
         return stage
     selector = scaled(stage.hints["selector"], float(foreign.scales[0]))
     if selector is None:

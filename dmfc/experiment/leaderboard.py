@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from dmfc.experiment.session import Session
     from dmfc.methods.named import Benchmark
     from dmfc.report.leaderboard import Entry
+    from dmfc.report.rates import Rates
     from dmfc.report.table import MethodCost
 
 
@@ -41,8 +42,7 @@ def record(source: str, test_set: str, own: Sequence[str], store: Path, name: st
         benchmark,
         test_set,
         name,
-        row.trials,
-        (row.rates.valid.successes, row.rates.overall.successes),
+        row.rates,
         f"{by['command']} ({by['commit'][:7]})",
         row.method,
     )
@@ -65,32 +65,26 @@ def taken(trials: str, test_set: str, name: str, origin: str) -> Entry:
     rows = rows[rows["scene"] < config.scenes.test.count]
     if len(rows) != wanted:
         raise DmfcError(f"{trials} has {len(rows)} trials of these scenes, the set has {wanted}")
-    counted = rates(rows, wanted)
-    held = (counted.valid.successes, counted.overall.successes)
-    return _entry(benchmark, test_set, name, wanted, held, origin, method_cost(rows))
+    return _entry(benchmark, test_set, name, rates(rows, wanted), origin, method_cost(rows))
 
 
 def _entry(
     benchmark: Benchmark,
     test_set: str,
     name: str,
-    trials: int,
-    counts: tuple[int, int],
+    rates: Rates,
     origin: str,
     cost: MethodCost | None,
 ) -> Entry:
-    """`counts`: planned and held."""
     from dmfc.report.leaderboard import Entry
 
-    return Entry(
+    return Entry.measured(
+        rates,
         benchmark=benchmark.name,
         version=benchmark.version,
         set=test_set,
         scenes=benchmark.sets[test_set].scenes,
         name=name,
-        trials=trials,
-        planned=counts[0],
-        held=counts[1],
         seconds=cost.seconds if cost else None,
         failed_scenes=cost.failed_scenes if cost else 0,
         used=cost.used if cost else "",

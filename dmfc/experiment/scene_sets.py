@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from dmfc.objects.model import ObjectModel
     from dmfc.scenes.publish.published import PublishedSet
     from dmfc.scenes.scene_set import Scene
-    from dmfc.sensing.render import View
+    from dmfc.sensing.render import CameraView
 
 SHEET_ROWS = 5
 """Scenes of a contact sheet."""
@@ -49,7 +49,7 @@ def open_set(
 
 
 def make_shards(session: Session, split: str) -> Sequence[Stage]:
-    """The shards of a split, made; what is damaged is set aside first, and told."""
+    """The shards of a split, made; damaged ones are set aside first, with a line for each."""
     from dmfc.engine.store import repair
 
     shards = session.builder.scenes(session.config, check_split(split))
@@ -99,7 +99,7 @@ def spread(found: PublishedSet) -> list[Scene]:
 
 
 def write_card(
-    found: PublishedSet, views: Sequence[Sequence[View]], hand: HandModel | None
+    found: PublishedSet, views: Sequence[Sequence[CameraView]], hand: HandModel | None
 ) -> None:
     """`views`: of each scene of the sheet."""
     import io

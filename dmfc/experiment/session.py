@@ -73,7 +73,7 @@ def run_shown(
         _share_packs(needed.values(), ledger)
     alone = len(needed) == 1
     # Ray prints the deaths of its processes on standard output, which belongs to the answer.
-    with contextlib.redirect_stdout(sys.stderr), interrupts_told():
+    with contextlib.redirect_stdout(sys.stderr), resumable():
         outcomes = run_stages(targets, ledger, config, KINDS, watcher=watcher, local=alone)
         if any(outcome.status == "interrupted" for outcome in outcomes.values()):
             raise KeyboardInterrupt
@@ -94,7 +94,7 @@ def _share_packs(stages: Iterable[Stage], ledger: Ledger) -> None:
 
 
 @contextlib.contextmanager
-def interrupts_told() -> Iterator[None]:
+def resumable() -> Iterator[None]:
     """On Ctrl-C, SIGTERM, or where Ray's head is lost: print the line that resumes, and end."""
     from dmfc.engine.ray_cluster import HeadLostError
 

@@ -1,4 +1,4 @@
-"""SHA-256 of files, folders and texts, and what differs from digests that were kept."""
+"""SHA-256 of files, folders and texts, and differences from stored digests."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Whether work on the CPU goes through the compiled loops, or through torch's operations.
 
 Both give the same answers. The loops are several times as fast, once a few seconds have been spent
-on compiling them: a process that looks at one cloud is done sooner without.
+on compiling them: a process that handles a single cloud is faster without them.
 """
 
 from __future__ import annotations

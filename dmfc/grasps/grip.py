@@ -3,7 +3,7 @@
 Napier (1956) parts grasps in two, and the taxonomies of Cutkosky (1989) and of Feix et al. (2016)
 keep that as their first division: in a power grasp the object lies against the palm and the roots
 of the fingers, in a precision grasp the fingertips alone hold it. Feix et al. add an intermediate
-class. Here the parts that touch decide, as told by signed distances at the stored grasp:
+class. Here the parts that touch decide, by signed distances at the stored grasp:
 
 - power: the palm, or a link of a finger that is farther from its tip than the last two phalanges;
 - precision: the last phalanx of each finger, and nothing else;
@@ -55,9 +55,9 @@ def link_distances(grasps: GraspSet, hand: HandModel, model: ObjectModel) -> np.
         points.append(kinematics.collision_points(T[rows], joints[rows]).numpy())
     distance = np.full((len(grasps), hand.links), -np.inf)
     if points:
-        own = model.sdf.distance(np.concatenate(points))
+        depth = model.sdf.distance(np.concatenate(points))
         for link in np.unique(hand.collision_link):
-            distance[:, link] = own[:, hand.collision_link == link].max(axis=1)
+            distance[:, link] = depth[:, hand.collision_link == link].max(axis=1)
     return distance
 
 

@@ -11,14 +11,14 @@ from pathlib import Path
 from dmfc.errors import DmfcError
 
 
-def library_folder(own: str = "") -> Path:
-    """The user's folder `own` (setting grasps.library), or where that is empty the package's.
+def library_folder(chosen: str = "") -> Path:
+    """The folder `chosen` (setting grasps.library), or where that is empty the package's.
 
     Raises DmfcError where there is no such folder.
     """
-    if not own:
+    if not chosen:
         return Path(str(resources.files("dmfc.grasps") / "data"))
-    folder = Path(own).expanduser().absolute()
+    folder = Path(chosen).expanduser().absolute()
     if not folder.is_dir():
         raise DmfcError(f"grasps.library: {folder} is not a folder")
     return folder

@@ -9,14 +9,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import torch
 
 from dmfc.config.grasps import GraspsConfig
 from dmfc.grasps import hand_kernel
 from dmfc.grasps.grasps import Grasps
+from dmfc.grasps.hand_arrays import grid_arrays, hand_arrays
 from dmfc.hand.approach import Approach
 from dmfc.hand.description import HandDescription
-from dmfc.hand.kinematics import HandKinematics
+from dmfc.hand.fingers import finger_axis, fingers
 from dmfc.hand.model import HandModel
 from dmfc.objects.model import ObjectModel
 
@@ -49,9 +49,9 @@ class Proposer:
         self.description = description
         self.model, self.hand, self.config = model, hand, config
         self.finger_of_dof, self.finger_of_link = fingers(hand)
-        self._hand = hand_kernel.hand_arrays(hand, self.finger_of_link)
-        self._grid = hand_kernel.grid_arrays(model.sdf)
-        self._axis = _finger_axis(hand)
+        self._hand = hand_arrays(hand, self.finger_of_link)
+        self._grid = grid_arrays(model.sdf)
+        self._axis = finger_axis(hand)
 
     def draw(self, count: int, generator: np.random.Generator) -> Candidates:
         """At most `count` candidates: those that fit and that at least two fingers close on."""
@@ -202,8 +202,8 @@ class Proposer:
         ranges = self.description.preshape_range
         _, kind = np.unique(ranges, axis=0, return_inverse=True)
         alike = generator.uniform(size=(count, kind.max() + 1))[:, kind.ravel()]
-        own = generator.uniform(size=(count, len(ranges)))
-        mixed = np.where(self.hand.flexion != 0, 0.7 * alike + 0.3 * own, own)
+        single = generator.uniform(size=(count, len(ranges)))
+        mixed = np.where(self.hand.flexion != 0, 0.7 * alike + 0.3 * single, single)
         lower, upper = ranges.T
         return np.clip(lower + mixed * (upper - lower), self.hand.lower, self.hand.upper)
 
@@ -265,15 +265,6 @@ class Proposer:
         return replace(candidates, joints=joints, touching=touching)
 
 
-def _finger_axis(hand: HandModel) -> np.ndarray:
-    """[3] the direction from the palm's centre to the finger tips of the straight hand."""
-    T = HandKinematics(hand).forward(torch.zeros(1, hand.dofs))[0].numpy()
-    tips = T[:, :3, 3] - hand.palm_reference
-    axis = tips[np.argmax(np.linalg.norm(tips, axis=1))]
-    axis = axis - (axis @ hand.palm_normal) * hand.palm_normal
-    return axis / np.linalg.norm(axis)
-
-
 def _between(limits: list[float], count: int, generator: np.random.Generator) -> np.ndarray:
     """[count, 1] uniform between two limits."""
     low, high = limits
@@ -283,22 +274,3 @@ def _between(limits: list[float], count: int, generator: np.random.Generator) ->
 def _frames(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """[..., 3] x 2, orthonormal -> [..., 3, 3] with the columns first, second, first x second."""
     return np.stack([first, second, np.cross(first, second)], axis=-1)
-
-
-def fingers(hand: HandModel) -> tuple[np.ndarray, np.ndarray]:
-    """Finger of each degree of freedom [D] and of each link [L]; -1 for the palm.
-
-    A finger is a subtree that hangs on the palm.
-    """
-    finger_of_link = np.full(hand.links, -1)
-    count = 0
-    for link in range(1, hand.links):
-        parent = hand.parents[link]
-        if parent == 0:
-            finger_of_link[link], count = count, count + 1
-        else:
-            finger_of_link[link] = finger_of_link[parent]
-    finger_of_dof = np.full(hand.dofs, -1)
-    moved = hand.joint_dof >= 0
-    finger_of_dof[hand.joint_dof[moved]] = finger_of_link[moved]
-    return finger_of_dof, finger_of_link

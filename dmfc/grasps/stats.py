@@ -1,4 +1,4 @@
-"""What is in grasp sets: counts, yield, quality, and how many directions they approach from."""
+"""Statistics of grasp sets: counts, yield, quality, and coverage of approach directions."""
 
 from __future__ import annotations
 

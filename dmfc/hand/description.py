@@ -35,7 +35,7 @@ class Coupling:
 
 @dataclass(frozen=True)
 class HandDescription:
-    """What the rest of the project must be told about a hand. Palm frame: the MJCF palm body's."""
+    """What the rest of the project must know about a hand. Palm frame: the MJCF palm body's."""
 
     name: str = MISSING
     pack: str = ""
@@ -101,7 +101,7 @@ def load_description(name: str) -> HandDescription:
     return _read(path, text)
 
 
-def own_hand_digest(name: str) -> str:
+def custom_hand_digest(name: str) -> str:
     """SHA-256 of a user's YAML file, its MJCF and the files that this names; '' for a shipped hand.
 
     Of a description that uses an asset pack, the YAML file alone: packs are pinned.
@@ -165,7 +165,7 @@ def _check(description: HandDescription, path: Path) -> None:
                 raise unknown_name(f"joint in {key} of {path}", joint, description.dofs)
     for joint, limits in description.preshape.items():
         if len(limits) != 2 or limits[0] > limits[1]:
-            raise DmfcError(f"hand description {path}: preshape.{joint} is no range: {limits}")
+            raise DmfcError(f"hand description {path}: preshape.{joint} is not a range: {limits}")
     for joint, coupling in description.couplings.items():
         if coupling.ratio == 0:
             raise DmfcError(f"hand description {path}: couplings.{joint}.ratio is 0")

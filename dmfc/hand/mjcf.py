@@ -117,7 +117,7 @@ def dof_actuators(spec: mujoco.MjSpec, description: HandDescription) -> list[str
     for name in names:
         actuator = spec.actuator(name)
         if actuator.biasprm[1] != -actuator.gainprm[0]:
-            raise DmfcError(f"hand '{description.name}': actuator '{name}' is no position servo")
+            raise DmfcError(f"hand '{description.name}': actuator '{name}' is not a position servo")
     return names
 
 

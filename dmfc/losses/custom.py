@@ -1,4 +1,4 @@
-"""Terms of the task loss that are functions of the user's own (setting `losses.own`).
+"""Terms of the task loss that are custom functions (setting `losses.custom`).
 
     def spread(hands: PlacedHands) -> Tensor: ...   # [n], one value per grasp
 
@@ -13,12 +13,12 @@ from functools import cached_property
 
 from torch import Tensor
 
-from dmfc.config.custom_function import own_function
+from dmfc.config.custom_function import custom_function
 from dmfc.errors import DmfcError
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.objects.atlas import SceneObjects
 
-SETTING = "losses.own"
+SETTING = "losses.custom"
 
 
 @dataclass(frozen=True)
@@ -49,11 +49,11 @@ class PlacedHands:
 
 
 def term_name(text: str) -> str:
-    """'own_spread' for 'my_losses.py:spread': the name of the term's metric."""
-    return f"own_{text.partition(':')[2]}"
+    """'custom_spread' for 'my_losses.py:spread': the name of the term's metric."""
+    return f"custom_{text.partition(':')[2]}"
 
 
-class OwnTerms:
+class CustomTerms:
     """The user's functions by the names of their terms."""
 
     def __init__(self, texts: Iterable[str]) -> None:
@@ -62,7 +62,7 @@ class OwnTerms:
         for text in texts:
             if term_name(text) in self._functions:
                 raise DmfcError(f"{SETTING}: two functions are named '{text.partition(':')[2]}'")
-            self._functions[term_name(text)] = own_function(text, SETTING).load()
+            self._functions[term_name(text)] = custom_function(text, SETTING).load()
 
     @property
     def names(self) -> list[str]:
@@ -75,7 +75,7 @@ class OwnTerms:
         if not isinstance(value, Tensor) or tuple(value.shape) != wanted:
             given = list(value.shape) if isinstance(value, Tensor) else type(value).__name__
             raise DmfcError(
-                f"{SETTING}: '{name.removeprefix('own_')}' gave {given} where one value per "
+                f"{SETTING}: '{name.removeprefix('custom_')}' gave {given} where one value per "
                 f"grasp is wanted, a tensor {list(wanted)}"
             )
         return value

@@ -11,28 +11,26 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from dmfc.config.execution import ExecutionConfig
 from dmfc.config.losses import SweptConfig
 from dmfc.geometry.transforms import transform
+from dmfc.hand.approach import Approach
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.objects.atlas import SceneObjects
 
 
 class SweptCollision:
-    """The poses that execution plans through, and what the loss allows at each, metres.
+    """The poses of an approach, and what the loss allows at each.
 
-    The opened hand may be `approach_tolerance` less the margin deep in table and objects, and so
-    may the closed hand in the table and in objects that are not grasped; in the object that is
-    grasped it may be `grasp_tolerance` of the loss deep, or that of execution where it is less.
+    It allows what the approach does less the margin; the closed hand in the object that is grasped
+    may be `grasp_tolerance` of the loss deep, or that of the approach where it is less.
     """
 
-    def __init__(
-        self, kinematics: HandKinematics, config: SweptConfig, execution: ExecutionConfig
-    ) -> None:
+    def __init__(self, kinematics: HandKinematics, config: SweptConfig, approach: Approach) -> None:
         self.kinematics = kinematics
-        self.back = torch.linspace(0.0, execution.pregrasp_distance, execution.waypoints)
-        self.tolerance = execution.approach_tolerance - config.margin
-        self.grasp_tolerance = min(config.grasp_tolerance, execution.grasp_tolerance)
+        self.back = torch.from_numpy(approach.offsets)
+        strict = approach.stricter(config.margin)
+        self.tolerance, self.table_tolerance = strict.tolerance, strict.table_tolerance
+        self.grasp_tolerance = min(config.grasp_tolerance, approach.grasp_tolerance)
         hand = kinematics.hand
         self.opening = torch.from_numpy(hand.closing.opening * np.asarray(hand.flexion))
         self.normal = torch.from_numpy(np.asarray(hand.palm_normal))
@@ -62,7 +60,7 @@ class SweptCollision:
 
     def _beyond(self, points: Tensor, depth: Tensor, allowed: Tensor | float) -> Tensor:
         """Sum of the squares beyond what is allowed, in objects and in the table, [n]."""
-        table = (-points[..., 2] - self.tolerance).clamp(min=0).square().sum(-1)
+        table = (-points[..., 2] - self.table_tolerance).clamp(min=0).square().sum(-1)
         return table + (depth - allowed).clamp(min=0).square().sum((1, 2))
 
 

@@ -11,10 +11,11 @@ from dmfc.config.execution import ExecutionConfig
 from dmfc.config.losses import LossConfig, LossWeights
 from dmfc.errors import unknown_name
 from dmfc.geometry.transforms import transform
+from dmfc.hand.approach import Approach
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.model import HandModel
 from dmfc.losses.collision import SelfCollision, collision
-from dmfc.losses.custom import OwnTerms, PlacedHands
+from dmfc.losses.custom import CustomTerms, PlacedHands
 from dmfc.losses.guidance import guidance, tips
 from dmfc.losses.q1 import grasp_contacts, q1_of_contacts
 from dmfc.losses.q1_lower import q1_lower_of_contacts
@@ -32,16 +33,16 @@ def active_terms(weights: LossWeights) -> list[str]:
 
 
 def weighted_sum(
-    terms: Mapping[str, Tensor], weights: LossWeights, own: Mapping[str, float] | None = None
+    terms: Mapping[str, Tensor], weights: LossWeights, custom: Mapping[str, float] | None = None
 ) -> Tensor:
     """task_i = sum over the given terms of weight * term_i, [n].
 
-    `own`: weights of the user's terms by their names. Raises DmfcError for a term that has no
+    `custom`: weights of the user's terms by their names. Raises DmfcError for a term that has no
     weight, ValueError without a term.
     """
     if not terms:
         raise ValueError("a task loss needs a term")
-    known = {name: getattr(weights, name) for name in TERMS} | dict(own or {})
+    known = {name: getattr(weights, name) for name in TERMS} | dict(custom or {})
     for name in terms:
         if name not in known:
             raise unknown_name("loss", name, known)
@@ -49,18 +50,19 @@ def weighted_sum(
 
 
 class SceneTerms:
-    """Collision, guidance, Q1 and the user's own terms of grasps of one hand."""
+    """Collision, guidance, Q1 and custom terms of grasps of one hand."""
 
     def __init__(
-        self, hand: HandModel, config: LossConfig, execution: ExecutionConfig | None = None
+        self, hand: HandModel, config: LossConfig, approach: Approach | None = None
     ) -> None:
-        """`execution`: whose approach is swept (None: by default)."""
+        """`approach`: what is swept (None: that of execution by default)."""
         self.config = config
         self.kinematics = HandKinematics(hand)
-        self.swept = SweptCollision(self.kinematics, config.swept, execution or ExecutionConfig())
+        way = approach or Approach.of_execution(ExecutionConfig())
+        self.swept = SweptCollision(self.kinematics, config.swept, way)
         self.self_collision = SelfCollision(hand) if config.self_collision else None
         self.tips = tips(hand) if config.guidance.points == "tips" else None
-        self.own = OwnTerms(config.own)
+        self.custom = CustomTerms(config.custom)
 
     def __call__(
         self,
@@ -98,9 +100,9 @@ class SceneTerms:
             if "q1_lower" in names:
                 lower = q1_lower_of_contacts(*contacts, q1, self.config.q1_lower)
                 terms["q1_lower"] = torch.exp(-lower)
-        for name in self.own.names:
+        for name in self.custom.names:
             if name in names:
-                terms[name] = self.own(name, hands)
+                terms[name] = self.custom(name, hands)
         return terms
 
     def _bounded(self, penetration: Tensor) -> Tensor:

@@ -1,4 +1,4 @@
-"""What a method answers for a scene, checked: whatever is wrong with it is one line."""
+"""The checked answer of a method for a scene; each problem is one line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Asking a method for grasps: its time, and what goes wrong in it, are part of the result."""
+"""Asks a method for grasps; its time and its errors are part of the result."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a method is given of a scene: what its cameras see, and the hand."""
+"""The input of a method for a scene: the views of its cameras, and the hand."""
 
 from __future__ import annotations
 

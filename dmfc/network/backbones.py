@@ -20,7 +20,7 @@ from pathlib import Path
 import torch
 from torch import Tensor, nn
 
-from dmfc.config.custom_function import is_own, own_class
+from dmfc.config.custom_function import custom_class, is_custom
 from dmfc.config.network import NetworkConfig
 from dmfc.errors import DmfcError, first_line, unknown_name
 from dmfc.network.dgcnn import Dgcnn
@@ -42,14 +42,14 @@ def make_backbone(config: NetworkConfig, folder: Path | None = None) -> nn.Modul
     Raises DmfcError where there is none of that name, or it cannot be made.
     """
     text = config.backbone
-    if not is_own(text):
+    if not is_custom(text):
         if text not in BACKBONES:
             raise DmfcError(f"{SETTING}: {unknown_name('backbone', text, BACKBONES)}")
         return BACKBONES[text](config)
     if folder is not None:
         text = f"{folder / BACKBONE}:{text.partition(':')[2]}"
     try:
-        made = own_class(text, SETTING).load()(config)
+        made = custom_class(text, SETTING).load()(config)
     except DmfcError:
         raise
     except Exception as error:  # whatever the user's class raises

@@ -95,12 +95,12 @@ class FeaturePropagation(nn.Module):
     ) -> Tensor:
         """`coarse` `[B*M,F]`, `fine` `[B*N,F']`; nearest, weights `[B,N,3]`, None: M is 1."""
         rows = self.from_coarse(coarse)
-        own = self.from_fine(fine)
+        direct = self.from_fine(fine)
         if nearest is None or weights is None:
-            joined = own.view(len(coarse), -1, own.shape[1]) + rows[:, None]
+            joined = direct.view(len(coarse), -1, direct.shape[1]) + rows[:, None]
         else:
             near = take_rows(rows, nearest, len(coarse) // len(nearest)).view(*nearest.shape, -1)
-            joined = own.view(*nearest.shape[:2], -1) + (near * weights[..., None]).sum(2)
+            joined = direct.view(*nearest.shape[:2], -1) + (near * weights[..., None]).sum(2)
         return self.rest(joined.flatten(0, 1))
 
 

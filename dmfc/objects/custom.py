@@ -1,6 +1,6 @@
-"""Objects that a function of the user's own makes: the selector `file.py:function`.
+"""Objects that a custom function makes: the selector `file.py:function`.
 
-def rings() -> list[OwnObject]: ...
+def rings() -> list[CustomObject]: ...
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from dmfc.config.custom_function import own_function
+from dmfc.config.custom_function import custom_function
 from dmfc.errors import DmfcError, unknown_name
 from dmfc.files.digest import text_digest
 from dmfc.objects.source import ObjectSource, as_name
@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class OwnObject:
-    """One object of a user's own source."""
+class CustomObject:
+    """One object of a custom source."""
 
     name: str
     """Letters, marks and digits of any script and _ . -, given once; the id is own/<name>."""
@@ -33,21 +33,21 @@ class OwnObject:
     """Changes when `make` reads something else than before; that the file changed is seen."""
 
 
-def own_sources(file: str, rest: str, selector: str) -> list[ObjectSource]:
+def custom_sources(file: str, rest: str, selector: str) -> list[ObjectSource]:
     """The objects of a selector 'file:rest', `rest` being 'function' or 'function/name'.
 
     Raises DmfcError where there is no such function or object, or it lists something else.
     """
     name, _, wanted = rest.partition("/")
     where = f"object selector '{selector}'"
-    function = own_function(f"{file}:{name}", where)
+    function = custom_function(f"{file}:{name}", where)
     listed = function.load()()
-    if not isinstance(listed, list) or not all(isinstance(item, OwnObject) for item in listed):
-        raise DmfcError(f"{where}: {name}() must give a list of OwnObject")
+    if not isinstance(listed, list) or not all(isinstance(item, CustomObject) for item in listed):
+        raise DmfcError(f"{where}: {name}() must give a list of CustomObject")
     names = [item.name for item in listed]
     for item_name in names:
         if not item_name or as_name(item_name) != item_name or names.count(item_name) > 1:
-            raise DmfcError(f"{where}: '{item_name}' is no name of an object, or is given twice")
+            raise DmfcError(f"{where}: '{item_name}' is not a valid name, or is given twice")
     if wanted and wanted not in names:
         raise unknown_name(f"object of '{file}:{name}'", wanted, names)
     return [

@@ -1,4 +1,4 @@
-"""CoACD in a process of its own: `python -m dmfc.objects.decompose IN.npz OUT.npz SECONDS`.
+"""CoACD in a separate process: `python -m dmfc.objects.decompose IN.npz OUT.npz SECONDS`.
 
 On a few meshes CoACD 1.0 ends its process (an assertion of its triangulation, or a segmentation
 fault), which nothing in that process can catch.
@@ -62,9 +62,9 @@ def decompose(vertices: np.ndarray, faces: np.ndarray, **options: Any) -> list[n
             return None
         if ended.returncode:
             signalled = f"its process was killed (signal {-ended.returncode})"
-            told = ended.stderr.strip().splitlines() or [signalled]
+            lines = ended.stderr.strip().splitlines() or [signalled]
             kind = DmfcError if ended.returncode == REFUSED else MachineError
-            raise kind(f"the convex decomposition failed: {told[-1]}")
+            raise kind(f"the convex decomposition failed: {lines[-1]}")
         with np.load(answer) as parts:
             return [parts[f"arr_{k}"] for k in range(len(parts.files))]
 

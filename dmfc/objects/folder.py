@@ -55,7 +55,7 @@ def folder_sources(rest: str, selector: str) -> list[ObjectSource]:
         files = [file for file in files if file.relative_to(folder).as_posix() == asked.file]
     if not files or any(file.suffix.lower() not in MESH_SUFFIXES for file in files):
         kinds = " ".join(MESH_SUFFIXES)
-        raise DmfcError(f"object selector '{selector}': no mesh file there (of {kinds})")
+        raise DmfcError(f"object selector '{selector}': no mesh file there (formats: {kinds})")
     sources = []
     for file in files:
         relative = file.relative_to(folder)
@@ -111,7 +111,7 @@ def _asked(rest: str, selector: str) -> _Asked:
         raise DmfcError(f"object selector '{selector}': {path} does not exist")
     scale = given.get("scale") or ""
     if scale and not _is_size(scale):
-        raise DmfcError(f"object selector '{selector}': scale={scale} is no size (above 0)")
+        raise DmfcError(f"object selector '{selector}': scale={scale} is not a size above 0")
     return _Asked(path, unit, scale, given.get("file") or "")
 
 

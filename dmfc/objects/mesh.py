@@ -1,4 +1,4 @@
-"""Meshes: mend them, and refuse what cannot be an object."""
+"""Meshes: repairs them, and refuses those that cannot be an object."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _SLIVER = 1e-6
 
 @dataclass(frozen=True)
 class CleanMesh:
-    """A mesh that has been mended, wound so that normals point outwards."""
+    """A repaired mesh, wound so that normals point outwards."""
 
     vertices: np.ndarray
     """[V, 3] float64, metres."""
@@ -54,7 +54,7 @@ def clean(mesh: trimesh.Trimesh, name: str) -> CleanMesh:
     """
     notes: list[str] = []
     if mesh.vertices.shape[1:] != (3,):
-        raise DmfcError(f"object '{name}': the vertices of its mesh lack a coordinate")
+        raise DmfcError(f"object '{name}': its mesh has vertices without all three coordinates")
     if len(mesh.faces) == 0 or not np.isfinite(mesh.vertices[mesh.faces]).all():
         raise DmfcError(f"object '{name}': its mesh is empty or has vertices that are not finite")
     longest = float(np.ptp(mesh.vertices[mesh.faces].reshape(-1, 3), axis=0).max())
@@ -72,7 +72,7 @@ def clean(mesh: trimesh.Trimesh, name: str) -> CleanMesh:
     _drop_doubled(mesh, notes)
     if not mesh.is_winding_consistent and not _closed(mesh.faces):
         trimesh.repair.fix_winding(mesh)
-        notes.append("winding mended")
+        notes.append("winding repaired")
     if not _closed(mesh.faces):
         trimesh.repair.fill_holes(mesh)
         notes.append("holes filled" if _closed(mesh.faces) else "mesh is open")

@@ -58,7 +58,7 @@ def _read(path: Path) -> trimesh.Trimesh:
     if not faces:
         raise DmfcError(f"mesh file {path} has no faces")
     if part.faces.min() < 0 or part.faces.max() >= len(part.vertices):
-        raise DmfcError(f"mesh file {path} is damaged: a face names a vertex that is not there")
+        raise DmfcError(f"mesh file {path} is damaged: a face has a vertex that does not exist")
     return part
 
 

@@ -103,9 +103,9 @@ def _select(selector: str) -> list[ObjectSource]:
     if head == "procedural":
         return _procedural(rest, selector, by_name)
     if head.endswith(".py"):
-        from dmfc.objects.custom import own_sources
+        from dmfc.objects.custom import custom_sources
 
-        return own_sources(head, rest, selector)
+        return custom_sources(head, rest, selector)
     makers = {"ycb": _ycb, "household": _household, "random": _random}
     if head not in makers:
         raise unknown_name("object source", head, [*makers, "procedural", "folder", "FILE.py"])

@@ -1,4 +1,4 @@
-"""Whether probabilities mean what they say, and how far they tell good from bad within a scene."""
+"""Whether probabilities are calibrated, and how well they rank the grasps of a scene."""
 
 from __future__ import annotations
 

@@ -112,16 +112,19 @@ def gaps_at(
     order: np.ndarray,
     gap: np.ndarray,
     ahead: np.ndarray,
+    places: np.ndarray,
 ) -> None:
     """Fill gap, ahead [n, V] of inner points of hands with links at poses [n, L, 4, 4].
 
-    gap: distance to the nearest point of the cloud, at most `cell`; ahead: its part along the
-    inner normal, negative where the point of the cloud is behind the surface of the hand.
+    places [n, V, 3]: the inner points in the world; gap: distance to the nearest point of the
+    cloud, at most `cell`; ahead: its part along the inner normal, negative where the point of the
+    cloud is behind the surface of the hand.
     """
-    where, facing = np.empty(3), np.empty(3)
+    facing = np.empty(3)
     for i in range(t.shape[0]):
         for v in range(link.shape[0]):
             T = poses[i, link[v]]
+            where = places[i, v]
             place(R[i], t[i], T, inner[v], where)
             p, gap[i, v] = nearest(where[0], where[1], where[2], points, cell, low, starts, order)
             ahead[i, v] = cell

@@ -1,4 +1,4 @@
-"""What can be told of a grasp before it is tried: numbers of the hand and the cloud around it.
+"""Features of a grasp before it is executed: numbers of the hand and the cloud around it.
 
 No model of the object is used, nor which object a point belongs to: an object is what hangs
 together with the grasp's seed point.
@@ -122,11 +122,9 @@ class FeatureMaker:
         of_bones, of_hands = [], []
         for angles in (joints, hand.opened(joints)):
             gap, ahead = np.empty((2, count, len(link)))
-            poses = link_poses(hand, angles)
-            gaps_at(R, t, poses, link, inner, hand.inner_normals, *cloud.cells, gap, ahead)  # type: ignore[call-arg]
-            T = poses[:, link]
-            local = np.einsum("nvij,vj->nvi", T[..., :3, :3], inner) + T[..., :3, 3]
-            places = np.einsum("nij,nvj->nvi", R, local) + t[:, None]
+            places = np.empty((count, len(link), 3))
+            poses, normals = link_poses(hand, angles), hand.inner_normals
+            gaps_at(R, t, poses, link, inner, normals, *cloud.cells, gap, ahead, places)  # type: ignore[call-arg]
             depth, blocked = cloud.solid(places)
             of_bones += [self._least(gap), self._least(ahead), -self._least(-depth)]
             of_hands += [gap.min(1), ahead.min(1), depth.max(1), blocked.mean(1)]
@@ -217,11 +215,11 @@ class FeatureMaker:
         """The object that hangs together with the seed point, from the palm."""
         ahead = self.hand.palm_reference + GRIP * self.hand.palm_normal
         R, t = np.ascontiguousarray(grasps.rotation), np.ascontiguousarray(grasps.position)
-        own = cloud.label[grasps.seed_point]
-        told = np.empty((len(grasps), COLUMNS))
-        objects_in_palm(R, t, t + R @ ahead, cloud.points, cloud.label, own, told)
+        target = cloud.label[grasps.seed_point]
+        columns = np.empty((len(grasps), COLUMNS))
+        objects_in_palm(R, t, t + R @ ahead, cloud.points, cloud.label, target, columns)
         seed = _in_palm(grasps, cloud.points[grasps.seed_point])
-        return np.concatenate([told, cloud.size[own], seed], axis=1)
+        return np.concatenate([columns, cloud.size[target], seed], axis=1)
 
 
 class _Cloud:
@@ -237,8 +235,8 @@ class _Cloud:
         found, self.label = connected_components(links, directed=False)
         self.label = self.label.astype(np.int64)
         members = [points[self.label == k] for k in range(found)]
-        self.size = np.array([_size(own) for own in members])
-        self._centre = np.array([own.mean(0) for own in members])
+        self.size = np.array([_size(points) for points in members])
+        self._centre = np.array([points.mean(0) for points in members])
 
     def centre_at(self, seed_point: np.ndarray) -> np.ndarray:
         """[n, 3] mean of what hangs together with a point [n]."""

@@ -128,7 +128,7 @@ class _Module(LightningModule):
         )
 
     def train_dataloader(self) -> _Batches:
-        # Asked for anew in every epoch.
+        # Requested again in every epoch.
         seed = self.seed * 100_003 + self.current_epoch
         return _Batches(len(self._rows[0]), self.config.batch_size, seed)
 

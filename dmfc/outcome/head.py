@@ -1,4 +1,4 @@
-"""The network's own confidence head, trained on what became of executed predictions.
+"""The network's confidence head, trained on the outcomes of executed predictions.
 
 The paper's form of a judge: nothing but the last layers of the network, all else frozen. It is the
 row that an outcome predictor with features of its own is compared with.

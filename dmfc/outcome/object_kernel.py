@@ -1,4 +1,4 @@
-"""The compiled loop that tells how an object lies in the palm's frame."""
+"""The compiled loop that describes how an object lies in the palm's frame."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 FAR = 0.3
-"""Metres beyond which an object's ends are not told apart."""
+"""Metres beyond which an object's ends are not distinguished."""
 AROUND, BESIDE = 0.06, 0.08
 """Metres from where the hand grips: the object's near points, and those of others."""
 COLUMNS = 20
@@ -20,12 +20,12 @@ def objects_in_palm(
     grip: np.ndarray,
     points: np.ndarray,
     label: np.ndarray,
-    own: np.ndarray,
+    target: np.ndarray,
     out: np.ndarray,
 ) -> None:
     """Fill out [n, COLUMNS] for palms R [n, 3, 3], t [n, 3] that grip at [n, 3], all in the world.
 
-    Points [N, 3] with label [N]; those of own [n] are the object. Columns: its mean, lower and
+    Points [N, 3] with label [N]; those of target [n] are the object. Columns: its mean, lower and
     upper ends, spread and the mean of what is near, each [3] in the palm frame; its share of the
     points, how far its mean is sideways of the grip, the share of it that is near; of the other
     points how many are beside the grip, in hundreds, and how near the nearest is.
@@ -41,7 +41,7 @@ def objects_in_palm(
             dx, dy = points[p, 0] - grip[i, 0], points[p, 1] - grip[i, 1]
             dz = points[p, 2] - grip[i, 2]
             distance = np.sqrt(dx * dx + dy * dy + dz * dz)
-            if label[p] != own[i]:
+            if label[p] != target[i]:
                 gap = min(gap, distance)
                 beside += distance < BESIDE
                 continue

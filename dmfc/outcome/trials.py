@@ -1,4 +1,4 @@
-"""Executed grasps as a predictor learns from them: features, what became of them, and of which."""
+"""Executed grasps as training data of a predictor: features, outcomes, and objects."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`Verdict`: what is expected of grasps before they are executed."""
+"""`Verdict`: predicted outcomes of grasps."""
 
 from __future__ import annotations
 

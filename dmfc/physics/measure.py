@@ -1,4 +1,4 @@
-"""What is measured of a `World` after a step: touch, forces, speeds, torques.
+"""Measurements of a `World` after a step: touch, forces, speeds, torques.
 
 Contacts and their forces are those of the step that was just taken.
 """
@@ -62,27 +62,27 @@ class Depths:
     target: float
     others: float
     """Objects that are not the target."""
-    own: float
-    """The hand's own links; those that MuJoCo lets collide."""
+    itself: float
+    """The hand's other links; those that MuJoCo lets collide."""
 
 
 def depths(world: World, target: int) -> Depths:
     """How deep the hand is in everything around it."""
     owners, gaps = world.contacts()
-    table = own = inside = others = 0.0
+    table = itself = inside = others = 0.0
     for (first, second), gap in zip(owners.tolist(), gaps.tolist(), strict=True):
         if HAND not in (first, second):
             continue
         other = max(first, second)
         if other == HAND:
-            own = max(own, -gap)
+            itself = max(itself, -gap)
         elif other == TABLE_TOP:
             table = max(table, -gap)
         elif other == target:
             inside = max(inside, -gap)
         else:
             others = max(others, -gap)
-    return Depths(table, inside, others, own)
+    return Depths(table, inside, others, itself)
 
 
 def supported(world: World, which: int) -> bool:

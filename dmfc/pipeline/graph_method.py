@@ -1,11 +1,11 @@
-"""What an evaluation of somebody else's method depends on: its file, or its answers."""
+"""What an evaluation of a foreign method depends on: its file, or its answers."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
 
-from dmfc.config.custom_function import own_function
+from dmfc.config.custom_function import custom_function
 
 METHOD, ANSWERS = "method", "answers"
 """Rows of a method that is a function, and of one whose grasps lie in files."""
@@ -19,6 +19,6 @@ def method_settings(method: str | Path) -> tuple[dict[str, Any], dict[str, str]]
     """
     if isinstance(method, Path):
         return {"row": ANSWERS, "answers": method.name}, {"answers": str(method)}
-    function = own_function(method, "model")
+    function = custom_function(method, "model")
     settings = {"row": METHOD, "method": function.digest, "function": function.name}
     return settings, {"method": f"{function.file}:{function.name}"}

@@ -7,7 +7,7 @@ import hashlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dmfc.config.custom_function import is_own, own_class
+from dmfc.config.custom_function import custom_class, is_custom
 from dmfc.config.protocol import executed
 from dmfc.config.scenes import SceneSetConfig
 from dmfc.config.schema import Config
@@ -19,7 +19,8 @@ from dmfc.outcome.files import FEATURES_VERSION
 from dmfc.outcome.files import WEIGHTS as JUDGE
 
 if TYPE_CHECKING:
-    from dmfc.pipeline.graph import GraphBuilder, Inputs
+    from dmfc.pipeline.graph import GraphBuilder
+    from dmfc.pipeline.graph_data import Inputs
 
 SELECTION = (
     "protocol",
@@ -114,8 +115,8 @@ def _shard(
         "start": numbers.start,
         "stop": numbers.stop,
     }
-    if is_own(under.execution.test):
-        settings["own_test"] = own_class(under.execution.test, "execution.test").digest
+    if is_custom(under.execution.test):
+        settings["custom_test"] = custom_class(under.execution.test, "execution.test").digest
     inputs: Inputs = {"hand": builder.hand(config)}
     if isinstance(proposer, Path):
         settings["weights"] = file_digest(proposer / WEIGHTS)
@@ -154,7 +155,7 @@ def outcome(builder: GraphBuilder, config: Config, proposer: Stage | Path) -> St
     if config.outcome.form == "head":
         if isinstance(proposer, Path):
             settings["weights"], hints = file_digest(proposer / WEIGHTS), {"weights": str(proposer)}
-        elif is_own(config.network.backbone):
+        elif is_custom(config.network.backbone):
             raise DmfcError(
                 "outcome.form=head keeps no copy of a backbone of your own (network.backbone): "
                 "take outcome.form=features"

@@ -1,6 +1,7 @@
-"""What lies outside the store, on this machine: asset packs, and files of the user's own.
+"""Inputs outside the store, on this machine: asset packs, and files of the user.
 
-Whoever planned a stage has seen them. Where they are missing or others, the machine is at fault.
+The process that planned a stage has read them. If they are missing or differ, it is an error of
+the machine.
 """
 
 from __future__ import annotations
@@ -59,32 +60,32 @@ def require_same(what: str, found: str, planned: str) -> None:
         )
 
 
-def check_own_losses(digests: Mapping[str, str]) -> None:
+def check_custom_losses(digests: Mapping[str, str]) -> None:
     """Raises MachineError where the file of a user's loss is not that of the stage's key."""
-    from dmfc.config.custom_function import own_function
+    from dmfc.config.custom_function import custom_function
 
     for text, digest in digests.items():
-        found = own_function(text, "losses.own").digest
-        require_same(f"losses.own: the file of '{text}'", found, digest)
+        found = custom_function(text, "losses.custom").digest
+        require_same(f"losses.custom: the file of '{text}'", found, digest)
 
 
-def check_own_backbone(digests: Mapping[str, str]) -> None:
+def check_custom_backbone(digests: Mapping[str, str]) -> None:
     """Raises MachineError where the file of a user's backbone is not that of the stage's key."""
-    from dmfc.config.custom_function import own_class
+    from dmfc.config.custom_function import custom_class
 
     for text, digest in digests.items():
-        found = own_class(text, "network.backbone").digest
+        found = custom_class(text, "network.backbone").digest
         require_same(f"network.backbone: the file of '{text}'", found, digest)
 
 
-def check_own_test(config: Mapping[str, Any]) -> None:
+def check_custom_test(config: Mapping[str, Any]) -> None:
     """Raises MachineError where the file of a user's test is not that of the stage's key."""
-    from dmfc.config.custom_function import own_class
+    from dmfc.config.custom_function import custom_class
 
-    if "own_test" in config:
+    if "custom_test" in config:
         text = config["execution"].test
-        found = own_class(text, "execution.test").digest
-        require_same(f"execution.test: the file of '{text}'", found, config["own_test"])
+        found = custom_class(text, "execution.test").digest
+        require_same(f"execution.test: the file of '{text}'", found, config["custom_test"])
 
 
 def source_here(ctx: StageContext) -> ObjectSource:

@@ -1,4 +1,4 @@
-"""A finished evaluation once more: one trial exactly as it was, or a picture of all its grasps."""
+"""Replays a finished evaluation: one trial exactly as it was, or a picture of all grasps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A batch that stopped a training once more, with the hand and the objects of a store."""
+"""Replays a batch that stopped a training, with the hand and the objects of a store."""
 
 from __future__ import annotations
 

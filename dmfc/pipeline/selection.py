@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from dmfc.pipeline.graph import ObjectRef
+from dmfc.pipeline.graph_data import ObjectRef
 
 
 def list_refs(selectors: Sequence[str]) -> list[ObjectRef]:

@@ -5,6 +5,7 @@ Heavy imports are inside the functions, so that a worker loads only what its sta
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -28,9 +29,9 @@ from dmfc.pipeline.artifacts import (
     load_scenes,
 )
 from dmfc.pipeline.here import (
-    check_own_backbone,
-    check_own_losses,
-    check_own_test,
+    check_custom_backbone,
+    check_custom_losses,
+    check_custom_test,
     require_same,
     source_here,
     with_packs,
@@ -50,10 +51,10 @@ if TYPE_CHECKING:
 def make_hand(ctx: StageContext) -> None:
     """hand: `hand.npz`."""
     from dmfc.hand.build import build_hand
-    from dmfc.hand.description import own_hand_digest
+    from dmfc.hand.description import custom_hand_digest
 
     name = ctx.config["hand"].name
-    require_same(f"hand '{name}'", own_hand_digest(name), ctx.config.get("files", ""))
+    require_same(f"hand '{name}'", custom_hand_digest(name), ctx.config.get("files", ""))
     build_hand(ctx.config["hand"]).save(ctx.out / HAND)
 
 
@@ -103,7 +104,7 @@ def _take_grasps(ctx: StageContext) -> None:
     if found.object_id != name or mesh != ctx.config["digest"]:
         raise DmfcError(
             f"the grasps of '{name}' in {path} were planned for another mesh: "
-            "set grasps.source=plan to plan them anew"
+            "set grasps.source=plan to plan them again"
         )
     shutil.copyfile(path, ctx.out / GRASPS)
 
@@ -181,16 +182,16 @@ def evaluation_of(
         assert isinstance(folders, list)
         return whole(folders)
 
-    check_own_test(config)
-    row = config["row"]
+    check_custom_test(config)
+    source = config["row"]
     hand = load_hand(one("hand"), config["closing"])
-    network = load_model(config, inputs, hints, hand) if row == "model" else None
+    network = load_model(config, inputs, hints, hand) if source == "model" else None
     scenes = load_scenes([one("scenes")])
     return Evaluation(
-        row=row,
+        source=source,
         scenes=scenes,
         objects=Objects(several("objects")),
-        grasps=load_grasp_sets(several("grasps")) if row == "planner" else None,
+        grasps=load_grasp_sets(several("grasps")) if source == "planner" else None,
         labels=config.get("labels"),
         network=network,
         hand=hand,
@@ -261,15 +262,14 @@ def present(folders: list[Path]) -> list[Path]:
 
 
 def _train(ctx: StageContext, stage: Literal["pretrain", "finetune"], weights: Path | None) -> None:
-    from dmfc.config.execution import ExecutionConfig
     from dmfc.config.validation import ValidationConfig
     from dmfc.training.data import SceneData
     from dmfc.training.fit import fit
     from dmfc.training.settings import FitConfig
 
     training = ctx.config["training"]
-    check_own_losses(ctx.config.get("own_losses", {}))
-    check_own_backbone(ctx.config.get("own_backbone", {}))
+    check_custom_losses(ctx.config.get("own_losses", {}))
+    check_custom_backbone(ctx.config.get("custom_backbone", {}))
     hand, atlas = training_geometry(ctx.inputs, ctx.config.get("closing"))
     grasps = load_grasp_sets(present(ctx.input_list("grasps")))
     if not any(len(found) for found in grasps.values()):
@@ -288,13 +288,13 @@ def _train(ctx: StageContext, stage: Literal["pretrain", "finetune"], weights: P
         batch_size=training.batch_size,
         workers=training.loader_workers,
         seed=training.seed,
-        seeds=ctx.config["network"].levels[0],
+        num_seeds=ctx.config["network"].levels[0],
         validation=load_scenes(ctx.input_list("validation_scenes")) if validated else None,
     )
     validation = ctx.config.get("validation", ValidationConfig())
-    execution = ctx.config.get("execution", ExecutionConfig())
-    settings = (ctx.config["network"], ctx.config["losses"], training, validation, execution)
-    config = FitConfig(*settings)
+    config = FitConfig(ctx.config["network"], ctx.config["losses"], training, validation)
+    if "approach" in ctx.config:
+        config = dataclasses.replace(config, approach=ctx.config["approach"])
     digest = data_digest(ctx.inputs)
     probe = data.probe(training.diagnostic_scenes) if training.diagnostic_scenes else None
     fit(stage, config, hand, data, atlas, ctx.out, ctx.work, weights, digest, probe, ctx.progress)

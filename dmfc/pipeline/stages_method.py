@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dmfc.config.custom_function import own_function
+from dmfc.config.custom_function import custom_function
 from dmfc.pipeline.graph_method import ANSWERS, METHOD
 from dmfc.pipeline.here import require_same
 
@@ -29,7 +29,7 @@ def method_of(
 
     manifest = scenes.manifests[0]
     if config["row"] == METHOD:
-        function = own_function(hints["method"], "model")
+        function = custom_function(hints["method"], "model")
         require_same(f"model: the file of '{hints['method']}'", function.digest, config["method"])
         predict = function.load()
         return lambda scene: ask(predict, observe(scene, hand, manifest))

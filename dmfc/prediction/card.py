@@ -1,4 +1,4 @@
-"""The card of a shipped model: what it was trained on, by what code, what was measured of it."""
+"""The card of a shipped model: its training data, its code, and its measured rates."""
 
 from __future__ import annotations
 
@@ -21,7 +21,11 @@ def model_card(stage: Path, name: str, measured: str = "") -> str:
     refuse_interpolation(settings, str(stage / CONFIG))
     record = _json(stage / RECORD)
     summary = _json(stage / SUMMARY)
-    weights = {**settings.losses.weights, **settings.losses.get("own", {})}
+    # Stages of before the rename have `own`.
+    weights = {
+        **settings.losses.weights,
+        **settings.losses.get("custom", settings.losses.get("own", {})),
+    }
     rows = {
         "network": f"PointNet++, {settings.network.levels[0]} grasps per cloud, "
         f"{_or_unknown(summary.get('parameters'))} parameters",
@@ -132,6 +136,7 @@ objects that a network of it had not seen:
 
 {measured or UNMEASURED.replace("model", "predictor")}
 
-It learned in the simulator that judges, from scenes of one object, and knows nothing of what the
-cameras did not see. Not tried on a real hand.
+It learned in the simulator that judges. Of what the cameras did not see it knows only that a place
+is inside an object where nearly every way out of it meets an observed point. Not tried on a real
+hand.
 """

@@ -1,8 +1,8 @@
-"""Which grasps keep the hand clear of what was seen: the cloud, and the table under it.
+"""The cloud check: which grasps keep the hand clear of the observed points and of the table.
 
 Execution refuses a grasp whose open hand runs into an object on its way. A network that predicts
-hundreds of grasps can be asked for others instead, without a model of the objects: a hand that has
-observed points inside it is in the way of something. What the cameras did not see is not noticed.
+hundreds of grasps offers others instead. The check needs no model of the objects: a hand that has
+observed points inside would collide. It cannot notice surfaces that no camera saw.
 """
 
 from __future__ import annotations

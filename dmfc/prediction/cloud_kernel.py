@@ -1,4 +1,4 @@
-"""The compiled loop behind `CloudCheck`: how deep points are in hands on their way to a grasp."""
+"""The compiled loop behind `CloudCheck`: how deep points lie inside hands on the approach."""
 
 from __future__ import annotations
 

@@ -188,5 +188,5 @@ def read_pose(path: Path) -> np.ndarray:
         and np.allclose(T[3], [0, 0, 0, 1])
     )
     if not rigid or np.linalg.det(rotation) < 0:
-        raise DmfcError(f"{path} is no pose: a rotation and a translation in metres (--pose)")
+        raise DmfcError(f"{path} is not a pose, a rotation and a translation in metres (--pose)")
     return T

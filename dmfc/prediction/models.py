@@ -53,7 +53,7 @@ def export_model(stage: Path, out: Path, default: bool = False, measured: str = 
     """Make the model folder `out` from the folder of a finished training stage; gives `out`.
 
     `measured`: what is known of its rates, for the card. `default`: whether it is to be the default
-    of the models beside it. Its card is written anew. Raises DmfcError where `stage` holds no
+    of the models beside it. Its card is written again. Raises DmfcError where `stage` holds no
     network, or one too large to be shipped.
     """
     from dmfc.network.checkpoint import load_alone

@@ -65,7 +65,7 @@ class GraspPlanner:
         compiled: bool = True,
         judge: Judge | None = None,
     ) -> None:
-        """`judge`: tells how likely each grasp is to hold, which is its confidence then."""
+        """`judge`: predicts how likely each grasp is to hold; this is then its confidence."""
         self.net, self.hand, self.dof_names, self.judge = net, hand, dof_names, judge
         self.model, self.compiled = model, compiled
 

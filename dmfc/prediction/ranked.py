@@ -1,4 +1,4 @@
-"""`RankedGrasps`: what a planner answers for one cloud, and its files."""
+"""`RankedGrasps`: the answer of a planner for one cloud, and its files."""
 
 from __future__ import annotations
 

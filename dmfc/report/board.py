@@ -28,7 +28,7 @@ class _Line:
     """One cell at one seed, as its own stages stand."""
 
     label: str
-    own: Sequence[str]
+    stages: Sequence[str]
     done: set[str] = field(default_factory=set)
     failed: bool = False
     held: int = 0
@@ -55,7 +55,7 @@ class Board(Progress):
     def begin(self, stages: Sequence[Stage], cpus: int) -> None:
         """Count what is there already."""
         for line in self._lines:
-            for address in line.own:
+            for address in line.stages:
                 if self._ledger.finished(address):
                     self._add(line, address)
         super().begin(stages, cpus)
@@ -63,7 +63,7 @@ class Board(Progress):
     def finished(self, stage: Stage, outcome: Outcome) -> None:
         """Count the stage for each cell that uses it."""
         for line in self._lines:
-            if stage.address in line.own:
+            if stage.address in line.stages:
                 line.failed = line.failed or not outcome.ok
                 if outcome.ok:
                     self._add(line, stage.address)
@@ -91,15 +91,15 @@ class Board(Progress):
         for column in ("cell", "now", "done", "left", "overall so far"):
             table.add_column(column)
         jobs = {job.address: job for job in self._running}
-        ordered = sorted(self._lines, key=lambda line: not any(a in jobs for a in line.own))
+        ordered = sorted(self._lines, key=lambda line: not any(a in jobs for a in line.stages))
         for line in ordered[:LINES]:
             now = self._job(line, jobs)
             rate = Rate(line.held, line.trials)
             table.add_row(
                 line.label,
                 "failed" if line.failed else now,
-                f"{len(line.done)}/{len(line.own)}",
-                self._left(line),
+                f"{len(line.done)}/{len(line.stages)}",
+                self._cell_left(line),
                 f"{rate.value:.2f} of {rate.trials}" if rate.value is not None else "",
             )
         if len(ordered) > LINES:
@@ -107,20 +107,15 @@ class Board(Progress):
         return table
 
     def _job(self, line: _Line, jobs: Mapping[str, Job]) -> str:
-        for address in line.own:
+        for address in line.stages:
             if address in jobs and self._ledger.work(address).is_dir():
                 fraction, message = read_progress(self._ledger.work(address))
                 return f"{jobs[address].kind} {fraction:.0%} {message}".rstrip()
-        return "done" if len(line.done) == len(line.own) else "waits"
+        return "done" if len(line.done) == len(line.stages) else "waits"
 
-    def _left(self, line: _Line) -> str:
-        """Time that the cell's own stages still take on one CPU; unknown before the first."""
-        times = [
-            self._tally.mean_seconds(address.partition("/")[0])
-            for address in line.own
-            if address not in line.done
-        ]
-        known = [seconds for seconds in times if seconds is not None]
-        if not times or line.failed:
+    def _cell_left(self, line: _Line) -> str:
+        """Time that the cell's own stages still take on one CPU."""
+        open_stages = [self._open[address] for address in line.stages if address in self._open]
+        if not open_stages or line.failed:
             return ""
-        return duration(sum(known)) if len(known) == len(times) else "?"
+        return duration(sum(self._times.estimate(stage).seconds for stage in open_stages))

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -12,14 +13,16 @@ from dmfc.errors import DmfcError
 from dmfc.files.atomic import write_json, write_text
 from dmfc.files.foreign import reading
 from dmfc.methods.named import Benchmark
-from dmfc.report.formats import markdown_row, markdown_text, rate_text
-from dmfc.report.rates import Rate
+from dmfc.report.formats import rate_text
+from dmfc.report.markdown import markdown_row, markdown_text
+from dmfc.report.rates import NORMAL, Rate, Rates
 
 PAGES = ("README.md", "index.html")
+RATES = ("overall", "valid", "success")
 HEAD = (
     "method",
     "trials",
-    *("overall", "valid", "success"),
+    *RATES,
     "s per scene",
     "failed",
     "used",
@@ -37,10 +40,8 @@ class Entry:
     scenes: str
     """Digest of the scenes that were executed."""
     name: str
-    trials: int = 0
-    """K x scenes; 0 where rates are only reported."""
-    planned: int = 0
-    held: int = 0
+    rates: dict[str, dict[str, float | None]] = field(default_factory=dict)
+    """'overall', 'valid' and 'success' -> the fields of `Rate`; empty where it is reported."""
     seconds: float | None = None
     """Median per scene."""
     failed_scenes: int = 0
@@ -51,17 +52,25 @@ class Entry:
     reported: dict[str, list[float]] = field(default_factory=dict)
     """Rates of a publication on scenes and in a simulator of its own: [value, standard error]."""
 
-    @property
-    def valid(self) -> Rate:
-        return Rate(self.planned, self.trials)
+    def rate(self, name: str) -> Rate:
+        """'overall', 'valid' or 'success'."""
+        found = self.rates[name]
+        effective = found["effective"]
+        return Rate(
+            int(found["successes"] or 0),
+            int(found["trials"] or 0),
+            math.nan if effective is None else effective,
+            found["quantile"] or NORMAL,
+        )
 
-    @property
-    def success(self) -> Rate:
-        return Rate(self.held, self.planned)
-
-    @property
-    def overall(self) -> Rate:
-        return Rate(self.held, self.trials)
+    @classmethod
+    def measured(cls, rates: Rates, **more: Any) -> Entry:
+        """The entry of these rates."""
+        found = {name: asdict(getattr(rates, name)) for name in RATES}
+        for rate in found.values():
+            if math.isnan(rate["effective"]):
+                rate["effective"] = None
+        return cls(**more, rates=found)
 
     def save(self, path: Path) -> None:
         """Write it as JSON."""
@@ -72,13 +81,13 @@ class Entry:
         if self.reported:
             pair = self.reported.get(rate)
             return f"{pair[0]:g} ± {pair[1]:g}" if pair else "–"
-        return rate_text(getattr(self, rate))
+        return rate_text(self.rate(rate))
 
     @property
     def rank(self) -> float:
         """The overall rate, for the order of a table."""
         reported = self.reported.get("overall", [0.0])[0]
-        return reported if self.reported else self.overall.value or 0.0
+        return reported if self.reported else self.rate("overall").value or 0.0
 
 
 def read_entries(folder: Path, benchmark: Benchmark) -> list[Entry]:
@@ -141,9 +150,12 @@ def _entry(path: Path, benchmark: Benchmark) -> Entry:
     with reading(path, "an entry of the leaderboard (JSON)"):
         values: dict[str, Any] = json.loads(path.read_text())
         entry = Entry(**values)
-    wanted = {item.name: item.type for item in fields(Entry)}
-    if not set(values) <= set(wanted) or not 0 <= entry.held <= entry.planned <= entry.trials:
-        raise DmfcError(f"{path}: held, planned and trials must be counts, each at most the next")
+        counts = [] if entry.reported else [entry.rate(name) for name in RATES]
+    if counts and not (
+        0 <= counts[0].successes == counts[2].successes <= counts[2].trials
+        and counts[2].trials == counts[1].successes <= counts[1].trials == counts[0].trials
+    ):
+        raise DmfcError(f"{path}: the counts of overall, valid and success contradict each other")
     if (entry.benchmark, entry.version) != (benchmark.name, benchmark.version):
         raise DmfcError(
             f"{path} is an entry of {entry.benchmark} version {entry.version}, not of "
@@ -163,8 +175,8 @@ def _cells(entry: Entry) -> list[str]:
     own = not entry.reported
     return [
         entry.name,
-        str(entry.trials) if own else "reported",
-        *(entry.text(rate) for rate in ("overall", "valid", "success")),
+        str(entry.rate("overall").trials) if own else "reported",
+        *(entry.text(rate) for rate in RATES),
         "" if entry.seconds is None else f"{entry.seconds:.2g}",
         str(entry.failed_scenes) if own else "",
         entry.used,
@@ -179,7 +191,7 @@ def _title(benchmark: Benchmark) -> str:
 _INTRODUCTION = (
     "Grasps of a multi-fingered hand, executed in MuJoCo: K = 4 per scene. Overall: held of all "
     "trials; valid: planned of all; success: held of the planned. Brackets are 95 % intervals "
-    "(Wilson). A scene without an answer counts as failed. Rows called 'reported' are figures of a "
-    "publication, on scenes and in a simulator of its own. Made by `dmfc benchmark leaderboard` "
+    "for new scenes of the same objects. A scene without an answer counts as failed. Rows called "
+    "'reported' are figures of a publication, on scenes and in a simulator of its own. Made by `dmfc benchmark leaderboard` "
     "from the files beside this page; how to add one: docs/leaderboard.md."
 )

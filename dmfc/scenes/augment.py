@@ -56,7 +56,7 @@ def kept_points(
 ) -> np.ndarray:
     """Indices [N] in random order, where the dropped ones are replaced by repeats of others.
 
-    The order is random anew so that the seed points, which begin at point 0, differ too.
+    The order is random in every epoch, so that the seed points, which begin at point 0, differ too.
     """
     order = generator.permutation(count)
     lost = min(int(config.dropped * count), count - 1)

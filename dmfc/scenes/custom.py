@@ -1,4 +1,4 @@
-"""Scenes of the user's own: clouds without labels, as a scene set like any other.
+"""Scenes from a user's clouds: a scene set without labels.
 
 A cloud is of the objects alone, in a frame whose z axis points up from the table top at z = 0.
 """
@@ -34,7 +34,7 @@ def cloud_scene(points: np.ndarray, number: int, config: ScenesConfig, seed: int
     `scenes.cameras` that sees the point best. Raises DmfcError for fewer than 16 points.
     """
     if len(points) < _NEIGHBOURS:
-        raise DmfcError(f"a cloud of {len(points)} points is no scene: at least {_NEIGHBOURS}")
+        raise DmfcError(f"a cloud of {len(points)} points is not a scene: at least {_NEIGHBOURS}")
     positions = np.stack([camera.position for camera in table_cameras(config.cameras)])
     chosen = points[choose(len(points), config.points, np.random.default_rng(seed))]
     near = points[cKDTree(points).query(chosen, _NEIGHBOURS)[1]]

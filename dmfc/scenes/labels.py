@@ -65,7 +65,7 @@ class HandAtGrasps:
         its frame: [n], metres; -inf where no point comes within the object's bounds."""
         deepest = np.full(len(T_object_link), -np.inf)
         low, high = model.hull_vertices.min(0), model.hull_vertices.max(0)
-        found: list[tuple[np.ndarray, np.ndarray]] = []
+        candidates: list[tuple[np.ndarray, np.ndarray]] = []
         for piece in self._pieces:
             T = T_object_link[:, piece.link]
             centre = T[:, :3, :3] @ piece.centre + T[:, :3, 3]
@@ -74,9 +74,9 @@ class HandAtGrasps:
             if len(rows):
                 points = transforms.apply(T[rows], piece.points).reshape(-1, 3)
                 near = _within(points, low, high)
-                found.append((rows[near // len(piece.points)], points[near]))
-        if found:
-            rows, points = (np.concatenate(values) for values in zip(*found, strict=True))
+                candidates.append((rows[near // len(piece.points)], points[near]))
+        if candidates:
+            rows, points = (np.concatenate(values) for values in zip(*candidates, strict=True))
             np.maximum.at(deepest, rows, model.sdf.distance(points))
         return deepest
 
@@ -108,12 +108,12 @@ def surviving_labels(
     approach, dropped = Approach.of_labels(config), dict.fromkeys(REASONS, 0)
     objects, rows = [], []
     for index, model in enumerate(models):
-        own = grasps.get(model.id)
-        if own is None or len(own) == 0:
+        of_object = grasps.get(model.id)
+        if of_object is None or len(of_object) == 0:
             continue
-        order = np.argsort(-own.robustness, kind="stable")
+        order = np.argsort(-of_object.robustness, kind="stable")
         T_world_hands = [
-            T_world_object[index] @ hand.links(own, opened=opened)[order]
+            T_world_object[index] @ hand.links(of_object, opened=opened)[order]
             for opened in (False, True)
         ]
         height = np.min([hand.lowest(T) for T in T_world_hands], axis=0)
@@ -125,8 +125,8 @@ def surviving_labels(
             if other != index and len(order):
                 T_other_world = transforms.inverse(T_world_object[other])
                 for T in T_world_hands:
-                    found = hand.deepest(T_other_world @ T[is_clear], neighbour)
-                    depth = np.maximum(depth, found)
+                    inside = hand.deepest(T_other_world @ T[is_clear], neighbour)
+                    depth = np.maximum(depth, inside)
         dropped["neighbour"] += int((depth > approach.tolerance).sum())
         order = order[depth <= approach.tolerance]
         dropped["limit"] += max(0, len(order) - config.max_grasps)

@@ -24,7 +24,7 @@ from dmfc.sensing.cameras import table_cameras
 from dmfc.sensing.cloud import Cloud, fuse_pixels, fuse_views
 from dmfc.sensing.depth import object_pixels
 from dmfc.sensing.image_errors import observed_views, seen_at_an_angle, with_table
-from dmfc.sensing.render import Renderer, View, open_renderer
+from dmfc.sensing.render import CameraView, Renderer, open_renderer
 
 Progress = Callable[[float, str], None]
 _CLOUD, _SENSOR, _IMAGES = (
@@ -121,7 +121,7 @@ class SceneMaker:
 
     def _fused(
         self,
-        views: Sequence[View],
+        views: Sequence[CameraView],
         models: Sequence[ObjectModel],
         T_world_object: np.ndarray,
         number: int,
@@ -158,7 +158,7 @@ class SceneMaker:
             cloud.point_camera[kept],
         )
 
-    def views(self, models: Sequence[ObjectModel], T_world_object: np.ndarray) -> list[View]:
+    def views(self, models: Sequence[ObjectModel], T_world_object: np.ndarray) -> list[CameraView]:
         """The depth images of objects at T_world_object [k, 4, 4], one per camera."""
         return self.renderer.render(self.cameras, models, T_world_object, self.config.table_size)
 

@@ -10,46 +10,72 @@ same in all three. `docs/matching.md` argues for the default.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Protocol
+
 import numpy as np
 
 from dmfc.config.scenes import MatchingConfig
+from dmfc.scenes.scene_grasps import SceneGrasps
 
 
-def match_grasps(
-    config: MatchingConfig,
-    points: np.ndarray,
-    normals: np.ndarray,
-    point_object: np.ndarray,
-    palm_reference: np.ndarray,
-    palm_hit: np.ndarray,
-    grasp_object: np.ndarray,
-) -> np.ndarray:
+class Observed(Protocol):
+    """Points on objects, as a scene has them."""
+
+    @property
+    def points(self) -> np.ndarray:
+        """[N, 3] metres."""
+
+    @property
+    def normals(self) -> np.ndarray:
+        """[N, 3] outward, unit length."""
+
+    @property
+    def point_object(self) -> np.ndarray:
+        """[N] index of the object in the scene."""
+
+
+@dataclass(frozen=True)
+class ObservedPoints:
+    """Some points of a scene, perhaps moved."""
+
+    points: np.ndarray
+    normals: np.ndarray
+    point_object: np.ndarray
+
+    @classmethod
+    def of(cls, observed: Observed, rows: np.ndarray) -> ObservedPoints:
+        """Those at `rows`."""
+        return cls(observed.points[rows], observed.normals[rows], observed.point_object[rows])
+
+
+def match_grasps(config: MatchingConfig, observed: Observed, grasps: SceneGrasps) -> np.ndarray:
     """The sets G_i as a table: bool [S, G], point by grasp.
 
-    points, normals: [S, 3] and point_object [S]; palm_reference (p_p) and palm_hit (its projection,
-    NaN where it misses the object): [G, 3], all in one frame, and grasp_object [G]. In the mode
-    'patch' the table depends on which points are given: pass the seeds alone.
+    S points and G grasps, in one frame. In the mode 'patch' the table depends on which points are
+    given: pass the seeds alone.
     """
-    points, normals = points.astype(np.float64), normals.astype(np.float64)
-    start = palm_hit if config.mode == "projected" else palm_reference
-    end = palm_reference if config.mode == "literal" else palm_hit
+    points, normals = observed.points.astype(np.float64), observed.normals.astype(np.float64)
+    start = grasps.palm_hit if config.mode == "projected" else grasps.palm_reference
+    end = grasps.palm_reference if config.mode == "literal" else grasps.palm_hit
     matched = np.zeros((len(points), len(start)), dtype=bool)
-    for index in np.unique(grasp_object):
-        mine = np.flatnonzero(point_object == index)
-        theirs = np.flatnonzero(grasp_object == index)
-        if len(mine) == 0:
+    for index in np.unique(grasps.object_index):
+        rows = np.flatnonzero(observed.point_object == index)
+        columns = np.flatnonzero(grasps.object_index == index)
+        if len(rows) == 0:
             continue
-        own, normal = points[mine], normals[mine]
-        height = normal @ palm_reference[theirs].T - (normal * own).sum(1)[:, None]
-        squared = _squared_distance(own, start[theirs], end[theirs])
+        point, normal = points[rows], normals[rows]
+        offset = (normal * point).sum(1)[:, None]
+        height = normal @ grasps.palm_reference[columns].T - offset
+        squared = _squared_distance(point, start[columns], end[columns])
         squared[height <= 0] = np.inf
         if config.mode == "patch":
-            count = min(max(1, round(config.share * len(mine))), len(mine))
+            count = min(max(1, round(config.share * len(rows))), len(rows))
             farthest = np.partition(squared, count - 1, axis=0)[count - 1]
             limit = np.minimum(farthest, config.reach**2)
         else:
-            limit = np.full(len(theirs), config.distance**2)
-        matched[np.ix_(mine, theirs)] = squared <= limit
+            limit = np.full(len(columns), config.distance**2)
+        matched[np.ix_(rows, columns)] = squared <= limit
     return matched
 
 

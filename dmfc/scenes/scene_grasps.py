@@ -42,13 +42,13 @@ def grasps_in_scene(
         if len(rows) == 0:
             continue
         labels, T = grasps[object_id][rows], T_world_object[index]
-        found = labels.in_frame(T)
+        in_world = labels.in_frame(T)
         hit = transforms.apply(T, labels.palm_hit)
-        reference = found.position + found.rotation @ palm_reference
+        reference = in_world.position + in_world.rotation @ palm_reference
         where = np.full(len(rows), index)
-        parts.append((found.position, found.rotation, found.joints, reference, hit, where))
+        parts.append((in_world.position, in_world.rotation, in_world.joints, reference, hit, where))
     if not parts:
-        dofs = next((len(own.dof_names) for own in grasps.values()), 0)
+        dofs = next((len(of_object.dof_names) for of_object in grasps.values()), 0)
         none = np.zeros((0, 3))
         empty = np.zeros((0, 3, 3)), np.zeros((0, dofs))
         return SceneGrasps(none, *empty, none, none, np.zeros(0, dtype=np.int64))

@@ -8,12 +8,12 @@ from dmfc.config.scenes import ScenesConfig
 from dmfc.objects.model import ObjectModel
 from dmfc.scenes.scene_set import Scene
 from dmfc.sensing.cameras import table_cameras
-from dmfc.sensing.render import View, open_renderer
+from dmfc.sensing.render import CameraView, open_renderer
 
 
 def scene_views(
     config: ScenesConfig, scene: Scene, objects: Mapping[str, ObjectModel] | None
-) -> list[View]:
+) -> list[CameraView]:
     """One view per camera; empty without `objects`."""
     if objects is None:
         return []

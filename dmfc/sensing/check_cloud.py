@@ -1,4 +1,4 @@
-"""What is checked of a user's cloud before anything is computed on it: each finding is one line."""
+"""Checks of a user's cloud before any computation; each problem is one line."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from dmfc.geometry.points import choose
 from dmfc.objects.model import ObjectModel
 from dmfc.sensing.cameras import Camera
 from dmfc.sensing.depth import ObjectPixels, object_pixels
-from dmfc.sensing.render import View
+from dmfc.sensing.render import CameraView
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Cloud:
 
 
 def fuse_views(
-    views: Sequence[View],
+    views: Sequence[CameraView],
     cameras: Sequence[Camera],
     objects: Sequence[ObjectModel],
     T_world_object: np.ndarray,

@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from dmfc.sensing.cameras import Camera
-from dmfc.sensing.render import View
+from dmfc.sensing.render import CameraView
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class ObjectPixels:
         return points, towards
 
 
-def object_pixels(views: Sequence[View]) -> ObjectPixels:
+def object_pixels(views: Sequence[CameraView]) -> ObjectPixels:
     """The pixels that show an object."""
     parts = []
     for number, view in enumerate(views):

@@ -16,7 +16,7 @@ from embreex.mesh_construction import TriangleMesh
 from dmfc.geometry import transforms
 from dmfc.objects.model import ObjectModel
 from dmfc.sensing.cameras import Camera
-from dmfc.sensing.render import View, table_view
+from dmfc.sensing.render import CameraView, table_view
 
 KEPT = 256  # acceleration structures; about 2 MB each for 16,000 triangles
 KEPT_TABLES = 16
@@ -38,7 +38,7 @@ class EmbreeRenderer:
 
     def __init__(self) -> None:
         self._scenes: OrderedDict[str, rtcore_scene.EmbreeScene] = OrderedDict()
-        self._tables: dict[tuple, View] = {}
+        self._tables: dict[tuple, CameraView] = {}
 
     def render(
         self,
@@ -46,7 +46,7 @@ class EmbreeRenderer:
         objects: Sequence[ObjectModel],
         T_world_object: np.ndarray,
         table_size: float,
-    ) -> list[View]:
+    ) -> list[CameraView]:
         views = [self._empty(camera, table_size) for camera in cameras]
         for index, model in enumerate(objects):
             corners = transforms.apply(T_world_object[index], model.hull_vertices)
@@ -65,7 +65,7 @@ class EmbreeRenderer:
         T_world_object: np.ndarray,
         index: int,
         camera: Camera,
-        view: View,
+        view: CameraView,
         window: tuple[slice, slice],
     ) -> None:
         """Draw one object into a window of a view, where it is nearer than what is there."""
@@ -84,7 +84,7 @@ class EmbreeRenderer:
         np.copyto(view.object_index[window], np.int16(index), where=is_seen)
         np.copyto(view.face[window], face, where=is_seen)
 
-    def _empty(self, camera: Camera, table_size: float) -> View:
+    def _empty(self, camera: Camera, table_size: float) -> CameraView:
         """A fresh view of the empty table; its depth is kept, for cameras stay where they are."""
         key = (camera.T_world_camera.tobytes(), camera.width, camera.height, camera.focal)
         if (*key, table_size) not in self._tables:
@@ -93,7 +93,7 @@ class EmbreeRenderer:
             self._tables[*key, table_size] = table_view(camera, table_size)
         kept = self._tables[*key, table_size]
         faces = np.full(kept.depth.shape, -1, dtype=np.int32)
-        return View(kept.depth.copy(), kept.object_index.copy(), faces)
+        return CameraView(kept.depth.copy(), kept.object_index.copy(), faces)
 
     def _scene(self, model: ObjectModel) -> rtcore_scene.EmbreeScene:
         """Acceleration structure of an object, in its own frame; the oldest is let go."""

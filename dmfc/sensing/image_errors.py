@@ -18,7 +18,7 @@ from dmfc.objects.model import ObjectModel
 from dmfc.sensing.cameras import Camera
 from dmfc.sensing.cloud import Cloud, surface
 from dmfc.sensing.depth import ObjectPixels
-from dmfc.sensing.render import NOTHING, TABLE, View
+from dmfc.sensing.render import NOTHING, TABLE, CameraView
 
 EDGE = 0.01
 """m between two neighbouring pixels that lie on two surfaces."""
@@ -27,8 +27,8 @@ AROUND = 0.05
 
 
 def observed_views(
-    config: SensorConfig, views: Sequence[View], generator: np.random.Generator
-) -> list[View]:
+    config: SensorConfig, views: Sequence[CameraView], generator: np.random.Generator
+) -> list[CameraView]:
     """The images as cameras with these errors give them; the given ones stay as they are."""
     return [
         _mixed(config, _masked(config, _cropped(config, view, number)), generator)
@@ -63,7 +63,7 @@ def seen_at_an_angle(
 def with_table(
     config: SensorConfig,
     cloud: Cloud,
-    views: Sequence[View],
+    views: Sequence[CameraView],
     cameras: Sequence[Camera],
     generator: np.random.Generator,
 ) -> Cloud:
@@ -91,7 +91,7 @@ def with_table(
 
 
 def _table_points(
-    views: Sequence[View], cameras: Sequence[Camera]
+    views: Sequence[CameraView], cameras: Sequence[Camera]
 ) -> tuple[np.ndarray, np.ndarray]:
     """World points [M, 3] of the pixels that show the table, and the camera of each."""
     points, numbers = [np.zeros((0, 3))], [np.zeros(0, dtype=np.uint8)]
@@ -103,7 +103,7 @@ def _table_points(
     return np.concatenate(points), np.concatenate(numbers)
 
 
-def _cropped(config: SensorConfig, view: View, number: int) -> View:
+def _cropped(config: SensorConfig, view: CameraView, number: int) -> CameraView:
     """Nothing at the sides of the image, and nothing at all of a camera that is not there."""
     height, width = view.depth.shape
     if number not in config.cameras:
@@ -112,14 +112,14 @@ def _cropped(config: SensorConfig, view: View, number: int) -> View:
         top, left = round(config.crop * height / 2), round(config.crop * width / 2)
     inside = np.zeros((height, width), dtype=bool)
     inside[top : height - top, left : width - left] = True
-    return View(
+    return CameraView(
         np.where(inside, view.depth, 0).astype(view.depth.dtype),
         np.where(inside, view.object_index, NOTHING).astype(view.object_index.dtype),
         view.face,
     )
 
 
-def _masked(config: SensorConfig, view: View) -> View:
+def _masked(config: SensorConfig, view: CameraView) -> CameraView:
     """Masks of objects that are wider (or narrower) by `config.mask` pixels."""
     if config.mask == 0:
         return view
@@ -132,10 +132,10 @@ def _masked(config: SensorConfig, view: View) -> View:
         lowest = ndimage.minimum_filter(index, size, mode="nearest")
         changed = np.where((index >= 0) & (lowest < 0), TABLE, index)
     face = None if view.face is None else np.where(changed == index, view.face, -1)
-    return View(depth, changed.astype(index.dtype), face)
+    return CameraView(depth, changed.astype(index.dtype), face)
 
 
-def _mixed(config: SensorConfig, view: View, generator: np.random.Generator) -> View:
+def _mixed(config: SensorConfig, view: CameraView, generator: np.random.Generator) -> CameraView:
     """Depth of object pixels up to `config.bleeding` pixels from a depth edge: a random mix of
     their own and of what is farthest within that distance."""
     if config.bleeding == 0:
@@ -145,4 +145,4 @@ def _mixed(config: SensorConfig, view: View, generator: np.random.Generator) -> 
     share = generator.uniform(size=view.depth.shape)
     mixed = (view.object_index >= 0) & (gap > EDGE)
     depth = np.where(mixed, view.depth + share * gap, view.depth)
-    return View(depth.astype(view.depth.dtype), view.object_index, view.face)
+    return CameraView(depth.astype(view.depth.dtype), view.object_index, view.face)

@@ -11,7 +11,7 @@ import numpy as np
 from dmfc.objects.model import ObjectModel
 from dmfc.physics.gl import current_context, probe
 from dmfc.sensing.cameras import Camera
-from dmfc.sensing.render import NOTHING, TABLE, View
+from dmfc.sensing.render import NOTHING, TABLE, CameraView
 
 __all__ = ["create", "probe"]
 NEAR, FAR = 0.02, 10.0
@@ -37,7 +37,7 @@ class MujocoRenderer:
         objects: Sequence[ObjectModel],
         T_world_object: np.ndarray,
         table_size: float,
-    ) -> list[View]:
+    ) -> list[CameraView]:
         model = _scene_spec(cameras, objects, T_world_object, table_size).compile()
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
@@ -102,7 +102,7 @@ def _scene_spec(
 
 def _draw(
     model: mujoco.MjModel, data: mujoco.MjData, context: mujoco.MjrContext, number: int, cam: Camera
-) -> View:
+) -> CameraView:
     view = mujoco.MjvCamera()
     view.type, view.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, number
     scene = mujoco.MjvScene(model, maxgeom=2 * model.ngeom + 16)
@@ -124,7 +124,7 @@ def _draw(
     depth = NEAR * FAR / (NEAR + raw * (FAR - NEAR))
     index = np.where(geom < 0, NOTHING, np.where(geom == 0, TABLE, geom - 1))
     depth = np.where(geom < 0, 0, depth)
-    return View(depth.astype(np.float32), index.astype(np.int16), None)
+    return CameraView(depth.astype(np.float32), index.astype(np.int16), None)
 
 
 def _quaternion(rotation: np.ndarray) -> np.ndarray:

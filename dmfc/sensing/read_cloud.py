@@ -58,7 +58,7 @@ def _pcd(path: Path) -> np.ndarray:
         cloud = PointCloud.from_path(path)
     except ValidationError as error:
         wrong = [f"{'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors()]
-        raise DmfcError(f"{path}: its header is no PCD header ({'; '.join(wrong)})") from error
+        raise DmfcError(f"{path}: its header is not a PCD header ({'; '.join(wrong)})") from error
     rows = np.atleast_1d(cloud.pc_data)
     if len(rows) != cloud.points:
         raise DmfcError(f"{path} holds {len(rows)} points, not the {cloud.points} it promises")

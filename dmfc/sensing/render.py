@@ -20,11 +20,11 @@ from dmfc.objects.model import ObjectModel
 from dmfc.sensing.cameras import Camera
 
 TABLE, NOTHING = -1, -2
-"""Values of `View.object_index` where there is no object."""
+"""Values of `CameraView.object_index` where there is no object."""
 
 
 @dataclass(frozen=True)
-class View:
+class CameraView:
     """What one camera sees."""
 
     depth: np.ndarray
@@ -46,7 +46,7 @@ class Renderer(Protocol):
         objects: Sequence[ObjectModel],
         T_world_object: np.ndarray,
         table_size: float,
-    ) -> list[View]:
+    ) -> list[CameraView]:
         """One view per camera of objects at T_world_object [k, 4, 4] on a square table, z = 0."""
 
     def close(self) -> None:
@@ -73,11 +73,11 @@ def open_renderer(name: str = "auto") -> Renderer:
         reasons[choice] = _probe(choice)
         if not reasons[choice]:
             return importlib.import_module(_MODULES[choice]).create()
-    told = "; ".join(f"{choice}: {reason}" for choice, reason in reasons.items())
-    raise DmfcError(f"no depth renderer works here: {told} (setting scenes.cameras.renderer)")
+    causes = "; ".join(f"{choice}: {reason}" for choice, reason in reasons.items())
+    raise DmfcError(f"no depth renderer works here: {causes} (setting scenes.cameras.renderer)")
 
 
-def table_view(camera: Camera, table_size: float) -> View:
+def table_view(camera: Camera, table_size: float) -> CameraView:
     """The empty square table as a camera sees it, in closed form."""
     rows, columns = np.indices((camera.height, camera.width)).reshape(2, -1)
     rays = camera.rays(rows, columns)
@@ -85,7 +85,7 @@ def table_view(camera: Camera, table_size: float) -> View:
     places = camera.position[:2] + depth[:, None] * rays[:, :2]
     is_table = (np.abs(places) <= table_size / 2).all(1) & (rays[:, 2] < 0)
     shape = (camera.height, camera.width)
-    return View(
+    return CameraView(
         np.where(is_table, depth, 0).reshape(shape).astype(np.float32),
         np.where(is_table, TABLE, NOTHING).reshape(shape).astype(np.int16),
         None,

@@ -1,4 +1,4 @@
-"""What executes a row: a stage of ours, a trained model as it is, or somebody else's method."""
+"""What executes a row: a stage of ours, a trained model as it is, or a foreign method."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 
-from dmfc.config.custom_function import own_function
+from dmfc.config.custom_function import custom_function
 from dmfc.errors import DmfcError, unknown_name
 
 MODELS = ("pretrained", "finetuned", "planner", "random")
@@ -36,7 +36,7 @@ def source_of(model: str, where: str) -> Source:
         return Source(model)
     method = method_text(model)
     if method:
-        own_function(method, f"{where}: model")
+        custom_function(method, f"{where}: model")
         return Source(METHOD, method=method)
     return Source(GIVEN, weights=_weights(model, where))
 

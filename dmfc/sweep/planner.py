@@ -1,4 +1,4 @@
-"""The plan of a sweep file: every cell at every seed, or what is known of a search yet."""
+"""The plan of a sweep file: every cell at every seed; of a search, the trials known so far."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a store keeps of a sweep: `sweep.json`, from which tables, pages and tracking are made."""
+"""The record of a sweep, `sweep.json`, from which tables, pages and tracking are made."""
 
 from __future__ import annotations
 

@@ -90,7 +90,7 @@ def parse_search(given: Any, where: str) -> Search:
 
 
 def suggest(
-    search: Search, told: Sequence[tuple[Settings, float | None]], count: int
+    search: Search, results: Sequence[tuple[Settings, float | None]], count: int
 ) -> list[dict[str, Any]]:
     """Settings of the next `count` trials, given those so far and their values (None: failed)."""
     import numpy as np
@@ -106,10 +106,10 @@ def suggest(
         for name, domain in search.space.items()
     }
     # Each round draws other numbers, and the same ones whenever it is drawn again.
-    drawn = np.random.SeedSequence([search.seed, len(told)]).generate_state(1)
+    drawn = np.random.SeedSequence([search.seed, len(results)]).generate_state(1)
     sampler = optuna.samplers.TPESampler(seed=int(drawn[0]), constant_liar=True)
     study = optuna.create_study(direction="maximize", sampler=sampler)
-    for settings, value in told:
+    for settings, value in results:
         # As pruned: Optuna forgets what failed, and would suggest the same again.
         state = TrialState.PRUNED if value is None else TrialState.COMPLETE
         study.add_trial(

@@ -53,7 +53,7 @@ from dmfc.sweep.search import Search, parse_search
 from dmfc.sweep.yaml_checks import mapping, only_keys, shortened, text
 
 RATES = ("valid", "success", "overall")
-KINDS = ("cells", "search")
+SWEEP_KINDS = ("cells", "search")
 KEYS = ("kind", "name", "title", "base", "presets", "seeds", "table", "cells", "matrix", "search")
 BEST = "best"
 """The cell of a search that executes its best trial."""
@@ -169,8 +169,8 @@ def cell_config(
 
 def _search(values: Mapping[str, Any], where: str) -> Search | None:
     kind = str(values.get("kind", "cells"))
-    if kind not in KINDS:
-        raise DmfcError(f"{where}: {unknown_name('kind of sweep', kind, KINDS)}")
+    if kind not in SWEEP_KINDS:
+        raise DmfcError(f"{where}: {unknown_name('kind of sweep', kind, SWEEP_KINDS)}")
     if (kind == "search") != ("search" in values):
         raise DmfcError(f"{where}: 'kind: search' and the key 'search' belong together")
     return parse_search(values["search"], f"{where}: search") if kind == "search" else None
@@ -181,7 +181,7 @@ def _cells(values: Mapping[str, Any], where: str) -> list[Cell]:
     named = _named(values.get("cells"), where)
     if values.get("matrix") is not None:
         if isinstance(values.get("cells"), list):
-            raise DmfcError(f"{where}: beside a matrix, write the cells as NAME: {{...}}, no list")
+            raise DmfcError(f"{where}: with a matrix, cells are NAME: {{...}}, not a list")
         matrix = mapping(values["matrix"], f"{where}: matrix")
         only_keys(matrix, ("model", "axes", "exclude", "cells"), f"{where}: matrix")
         named += expand(matrix, f"{where}: matrix").items()

@@ -1,4 +1,4 @@
-"""Checks of what a sweep file says; each error names the place and what was wanted."""
+"""Checks of a sweep file; each error names the place and the expected form."""
 
 from __future__ import annotations
 

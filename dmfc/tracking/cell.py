@@ -1,4 +1,4 @@
-"""What MLflow is told about one cell, read from the files of its stages."""
+"""The content of one cell for MLflow, read from the files of its stages."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class CellContent:
 
 
 def cell_content(ledger: Ledger, cell: CellRecord, state: SweepState) -> CellContent:
-    """What the ledger holds of a cell, and what its running stages have told so far."""
+    """What the ledger holds of a cell, and what its running stages have reported so far."""
     training = [address for address in (cell.pretrain, cell.model) if address]
     wanted = list(cell.stages)
     there = [address for address in wanted if ledger.finished(address)]

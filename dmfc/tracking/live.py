@@ -1,7 +1,7 @@
 """MLflow while a sweep runs: a process beside the driver writes, and outlives it.
 
-The driver only holds a pipe to it. When the pipe closes, whatever closed it, the process brings
-MLflow up to date once more and ends: runs of a driver that was killed are shown as killed.
+The driver only holds a pipe to it. When the pipe closes for any reason, the process brings
+MLflow up to date a last time and ends. So the runs of a killed driver are shown as killed.
 """
 
 from __future__ import annotations

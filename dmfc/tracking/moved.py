@@ -1,4 +1,4 @@
-"""MLflow writes down where files are as absolute addresses: set right where a store has moved."""
+"""Corrects the absolute addresses of files in MLflow after a store has moved."""
 
 from __future__ import annotations
 

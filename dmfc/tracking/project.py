@@ -1,6 +1,6 @@
 """MLflow as a projection of the ledger: everything in it is made from files and can be made again.
 
-One parent run per sweep and one child per cell and seed, told apart by tags. Projecting twice
+One parent run per sweep and one child per cell and seed, identified by tags. Projecting twice
 changes nothing; projecting while a sweep runs shows how it stands.
 """
 
@@ -87,9 +87,9 @@ def project_sweep(
             f"MLflow at '{uri}' was not written: {line} (run.tracking_uri; `dmfc tracking sync` "
             "writes what is missing)"
         ) from error
-    told = {"digest": digest, "uri": kept, "status": parent.status}
+    marker = {"digest": digest, "uri": kept, "status": parent.status}
     ids = {"experiment_id": writer.experiment_id, "run_id": run_id, "runs": runs}
-    write_sealed(folder / MARKER, VERSION, {**told, **ids})
+    write_sealed(folder / MARKER, VERSION, {**marker, **ids})
     return Tracked(uri, writer.experiment_id, run_id)
 
 

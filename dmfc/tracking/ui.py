@@ -1,4 +1,4 @@
-"""The launcher of MLflow's pages."""
+"""Starts the server of MLflow's pages."""
 
 from __future__ import annotations
 

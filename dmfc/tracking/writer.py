@@ -140,8 +140,8 @@ class Writer:
     ) -> _Known:
         from mlflow.entities import Dataset, DatasetInput, InputTag, Param
 
-        own = {TAG_SWEEP: sweep_id, TAG_CELL: content.id, **tags}
-        run = self.client.create_run(self.experiment_id, content.start_ms, own, run_name=name)
+        identity = {TAG_SWEEP: sweep_id, TAG_CELL: content.id, **tags}
+        run = self.client.create_run(self.experiment_id, content.start_ms, identity, run_name=name)
         run_id = run.info.run_id
         self.client.log_batch(run_id, params=[Param(*item) for item in content.params.items()])
         inputs = [
@@ -160,7 +160,7 @@ class Writer:
             self.client.log_inputs(run_id, inputs)
         for path, text in content.texts.items():
             self.client.log_text(run_id, text, path)
-        return _Known(run_id, run.info.status, dict(content.params), own)
+        return _Known(run_id, run.info.status, dict(content.params), identity)
 
     def _update(self, known: _Known, content: CellContent) -> None:
         from mlflow.entities import Metric, RunTag

@@ -20,7 +20,7 @@ from dmfc.geometry import transforms
 from dmfc.geometry.points import farthest_points
 from dmfc.grasps.grasp_set import GraspSet
 from dmfc.scenes.augment import kept_points, random_motion, sensor_errors
-from dmfc.scenes.matching import match_grasps
+from dmfc.scenes.matching import ObservedPoints, match_grasps
 from dmfc.scenes.scene_grasps import grasps_in_scene
 from dmfc.scenes.scene_set import Scene, SceneSet
 from dmfc.sensing.cameras import table_cameras
@@ -44,7 +44,7 @@ class SceneDataset(Dataset):
         matching: MatchingConfig,
         cameras: CameraConfig,
         augmentation: AugmentationConfig | None = None,
-        seeds: int = 512,
+        num_seeds: int = 512,
         seed: int = 0,
     ) -> None:
         self.scenes = scenes
@@ -54,7 +54,7 @@ class SceneDataset(Dataset):
         self._matching = matching
         self._positions = np.stack([camera.position for camera in table_cameras(cameras)])
         self._augmentation = augmentation
-        self._seeds = seeds
+        self._num_seeds = num_seeds
         self._seed = seed
 
     def __len__(self) -> int:
@@ -79,25 +79,20 @@ class SceneDataset(Dataset):
             normals = transforms.rotate(T_new_world, normals)
             T_world_object = T_new_world @ T_world_object
         points = points.astype(np.float32)
-        seed_index = farthest_points(points, self._seeds)
+        seed_index = farthest_points(points, self._num_seeds)
+        seeds = ObservedPoints.of(ObservedPoints(points, normals, point_object), seed_index)
         rows = [self._row(scene, object_id) for object_id in scene.object_ids]
         return SceneItem(
             points=torch.from_numpy(points),
             seed_index=torch.from_numpy(seed_index),
-            **self._labels(scene, T_world_object, points, normals, point_object, seed_index),
+            **self._labels(scene, T_world_object, seeds),
             object_index=torch.tensor(rows, dtype=torch.int64),
             T_world_object=torch.from_numpy(T_world_object.astype(np.float32)),
             scene_number=torch.tensor(scene.scene),
         )
 
     def _labels(
-        self,
-        scene: Scene,
-        T_world_object: np.ndarray,
-        points: np.ndarray,
-        normals: np.ndarray,
-        point_object: np.ndarray,
-        seed_index: np.ndarray,
+        self, scene: Scene, T_world_object: np.ndarray, seeds: ObservedPoints
     ) -> dict[str, Tensor]:
         """The grasps that match a seed point, and the table of matches."""
         grasps = grasps_in_scene(
@@ -108,15 +103,7 @@ class SceneDataset(Dataset):
             self._grasps,
             self._palm_reference,
         )
-        match = match_grasps(
-            self._matching,
-            points[seed_index],
-            normals[seed_index],
-            point_object[seed_index],
-            grasps.palm_reference,
-            grasps.palm_hit,
-            grasps.object_index,
-        )
+        match = match_grasps(self._matching, seeds, grasps)
         used = match.any(0)
         return {
             "grasp_position": torch.from_numpy(grasps.position[used].astype(np.float32)),
@@ -183,16 +170,18 @@ class SceneData(lightning.LightningDataModule):
         batch_size: int = 4,
         workers: int = 0,
         seed: int = 0,
-        seeds: int = 512,
+        num_seeds: int = 512,
         validation: SceneSet | None = None,
     ) -> None:
         super().__init__()
         shared = (grasps, object_order, palm_reference, matching, config.cameras)
         # even a new order of the points would draw other seeds
         added = None if config.augmentation.nothing else config.augmentation
-        self.train = SceneDataset(train, *shared, added, seeds=seeds, seed=seed)
+        self.train = SceneDataset(train, *shared, added, num_seeds=num_seeds, seed=seed)
         self.validation = (
-            SceneDataset(validation, *shared, seeds=seeds, seed=seed) if validation else None
+            SceneDataset(validation, *shared, num_seeds=num_seeds, seed=seed)
+            if validation
+            else None
         )
         self._batch_size, self._workers, self._seed = batch_size, workers, seed
 

@@ -48,10 +48,11 @@ class Diagnostics:
         """Values by name, each of any number, of the network as it is now.
 
         own_terms_fell: of each prediction that had any at the start, whether the weighted sum of
-        its terms has fallen; own_cosine_easy, own_cosine_hard: of the easiest 80 % and of the others, the
-        cosine of its descent direction at the start and its motion since; TERM_at_labels: each
-        term at the label that was nearest at the start; gradient_norm_TERM and
-        gradient_cosine_TERM_TERM: of the gradients in the weights of each term's mean.
+        its terms has fallen; own_cosine_easy, own_cosine_hard: of the easiest 80 % and of the
+        others, those that moved and had a slope, the cosine of the descent direction at the start
+        and the motion since; TERM_at_labels: each term at the label that was nearest at the start;
+        gradient_norm_TERM and gradient_cosine_TERM_TERM: of the gradients in the weights of each
+        term's mean.
         """
         with _evaluating(net):
             rows = self._rows(net)
@@ -60,7 +61,7 @@ class Diagnostics:
             total = self.task.total(self.task.cheap_terms(rows, self.batch))
             motion = self._motion(rows)
         found["own_terms_fell"] = (total < self.total)[self.total > SMALLEST].float()
-        went = motion.norm(dim=1) * self.slope.norm(dim=1) > 0
+        went = (motion.norm(dim=1) > SMALLEST) & (self.slope.norm(dim=1) > 0)
         easy = self.total <= self.total.quantile(EASY)
         cosine = cosine_similarity(-self.slope, motion, dim=1)
         found["own_cosine_easy"] = cosine[easy & went]

@@ -1,4 +1,4 @@
-"""A batch that made a run stop: saved with all that it takes to compute its losses once more."""
+"""A batch that stopped a run, saved with everything needed to compute its losses again."""
 
 from __future__ import annotations
 
@@ -53,5 +53,5 @@ def read_failure(path: Path) -> dict[str, Any]:
     with reading(path, "a saved batch", "--replay"):
         found = torch.load(path, weights_only=True, map_location="cpu")
     if not isinstance(found, dict) or set(found) != ENTRIES or found["version"] != VERSION:
-        raise DmfcError(f"{path} is no batch that this version of dmfc saved")
+        raise DmfcError(f"{path} is not a batch that this version of dmfc saved")
     return cast(dict[str, Any], found)

@@ -17,7 +17,7 @@ from lightning.pytorch.callbacks import Checkpoint
 from omegaconf import OmegaConf
 from safetensors.torch import save_file
 
-from dmfc.config.custom_function import is_own, own_class
+from dmfc.config.custom_function import custom_class, is_custom
 from dmfc.errors import DmfcError
 from dmfc.files.atomic import write_bytes, write_text
 from dmfc.hand.model import HandModel
@@ -67,9 +67,14 @@ def fit(
     if init_weights is not None:
         load_weights(net, init_weights)
     points, seeds = training.rank_points, training.finetune_seeds
-    task = Task(stage, config.losses, hand, atlas, points, seeds, config.execution)
+    task = Task(stage, config.losses, hand, atlas, points, seeds, config.approach)
+    if stage == "finetune" and training.finetune_form == "projected" and not task.of_scene:
+        raise DmfcError(
+            "training.finetune_form=projected has no term to move predictions by: every one of "
+            "losses.weights but chamfer is 0"
+        )
     failure = Failure(work / FAILURE, config, hand.name)
-    validation = Validation(config.validation, config.losses, hand, atlas, config.execution)
+    validation = Validation(config.validation, config.losses, hand, atlas, config.approach)
     diagnostics = None
     if probe is not None and stage == "finetune" and task.of_scene:
         diagnostics = Diagnostics(net, task, probe, training.projection)
@@ -127,8 +132,8 @@ def _write(
     require_finite(state, f"the weights after {stage}")
     save_file(state, out / WEIGHTS)
     _write_metrics(out / METRICS, module)
-    if is_own(config.network.backbone):
-        source = own_class(config.network.backbone, "network.backbone").file
+    if is_custom(config.network.backbone):
+        source = custom_class(config.network.backbone, "network.backbone").file
         write_bytes(out / BACKBONE, source.read_bytes())
     described = OmegaConf.create({"version": VERSION, "stage": stage, "hand": hand.name})
     settings = OmegaConf.to_container(OmegaConf.structured(config))

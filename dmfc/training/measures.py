@@ -1,4 +1,4 @@
-"""How far predictions are from their labels, in units that a person can judge."""
+"""Distances of predictions from their labels, in millimetres and degrees."""
 
 from __future__ import annotations
 

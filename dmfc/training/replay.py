@@ -1,4 +1,4 @@
-"""The terms of a saved batch once more, to see which of them was not finite, and where."""
+"""Computes the terms of a saved batch again, to find which one was not finite, and where."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def replay(
     net.load_state_dict(saved["weights"])
     training = config.training
     points, seeds = training.rank_points, training.finetune_seeds
-    task = Task(stage, config.losses, hand, atlas, points, seeds, config.execution)
+    task = Task(stage, config.losses, hand, atlas, points, seeds, config.approach)
     module = GraspTraining(net, task, training, Failure(Path(), config, hand.name))
     batch = Batch(**saved["batch"])
     prediction = net.train()(batch.points, batch.seed_index)

@@ -1,4 +1,4 @@
-"""The checkpoint that a training goes on from: whole, or not there."""
+"""The checkpoint from which a training resumes: whole, or ignored."""
 
 from __future__ import annotations
 

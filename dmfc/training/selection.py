@@ -1,4 +1,4 @@
-"""Which predictions are back-propagated: those with the highest error."""
+"""Hard example mining: which predictions are back-propagated."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from dmfc.config.execution import ExecutionConfig
 from dmfc.config.losses import LossConfig
@@ -10,6 +10,7 @@ from dmfc.config.network import NetworkConfig
 from dmfc.config.setting import setting
 from dmfc.config.training import TrainingConfig
 from dmfc.config.validation import ValidationConfig
+from dmfc.hand.approach import Approach
 
 
 @dataclass(frozen=True)
@@ -20,4 +21,5 @@ class FitConfig:
     losses: LossConfig = setting(LossConfig, "losses and their weights")
     training: TrainingConfig = setting(TrainingConfig, "the two-stage schedule")
     validation: ValidationConfig = setting(ValidationConfig, "validation on held-out objects")
-    execution: ExecutionConfig = setting(ExecutionConfig, "the approach that is swept")
+    approach: Approach = field(default_factory=lambda: Approach.of_execution(ExecutionConfig()))
+    """The approach that is swept."""

@@ -9,9 +9,9 @@ from typing import Literal
 import torch
 from torch import Tensor
 
-from dmfc.config.execution import ExecutionConfig
 from dmfc.config.losses import LossConfig, LossWeights
 from dmfc.errors import DmfcError
+from dmfc.hand.approach import Approach
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.model import HandModel
 from dmfc.losses.custom import term_name
@@ -27,7 +27,7 @@ Seeds = Literal["all", "labelled"]
 RANK_DIRECTIONS: Literal[64] = 64
 """Directions of Q1 that suffice to find the hardest."""
 STAND_IN = {"q1_lower": "q1_upper"}
-"""Terms too dear to be found for every prediction, and the term that ranks in their place."""
+"""Terms too expensive for every prediction, and the term that ranks in their place."""
 
 
 class Task:
@@ -41,35 +41,35 @@ class Task:
         atlas: ObjectAtlas,
         rank_points: int,
         seeds: Seeds = "all",
-        execution: ExecutionConfig | None = None,
+        approach: Approach | None = None,
     ) -> None:
         """`rank_points`: collision points of the hand in `errors`; 0: all, and Q1 in full.
 
         `seeds`: whose predictions have a task loss (setting training.finetune_seeds).
-        `execution`: whose approach is swept (None: by default).
+        `approach`: what is swept (None: that of execution by default).
         Raises DmfcError where every weight of the stage is 0.
         """
         self.stage = stage
         self.weights = config.weights
         if stage == "pretrain":
             self.weights = LossWeights(1.0, 0.0, 0.0, 0.0, confidence=config.weights.confidence)
-            config = dataclasses.replace(config, own={})
-        self.own = {term_name(text): weight for text, weight in config.own.items()}
-        own = [name for name, weight in self.own.items() if weight != 0]
-        self.names = [*active_terms(self.weights), *own]
+            config = dataclasses.replace(config, custom={})
+        self.custom = {term_name(text): weight for text, weight in config.custom.items()}
+        custom = [name for name, weight in self.custom.items() if weight != 0]
+        self.names = [*active_terms(self.weights), *custom]
         if not self.names:
-            raise DmfcError(f"{stage} has no loss: every one of losses.weights is 0")
+            raise DmfcError(f"{stage} has no loss: all of losses.weights are 0")
         self.of_scene = [name for name in self.names if name != "chamfer"]
         self.labelled = seeds == "labelled" or not self.of_scene
         self.space, self.relative = config.grasp_space, config.relative
         self.atlas = atlas
-        self._full = SceneTerms(hand, config, execution)
+        self._full = SceneTerms(hand, config, approach)
         self._cheap, self._ranked = self._full, self.of_scene
         if rank_points > 0:
             self._ranked = [STAND_IN.get(name, name) for name in self.of_scene]
             q1 = dataclasses.replace(config.q1, directions=RANK_DIRECTIONS)
             thinned, fewer = hand.thinned(rank_points), dataclasses.replace(config, q1=q1)
-            self._cheap = SceneTerms(thinned, fewer, execution)
+            self._cheap = SceneTerms(thinned, fewer, approach)
 
     def candidates(self, prediction: Prediction, batch: Batch) -> Candidates:
         """The predictions that have a task loss: all, or those with a label.
@@ -105,7 +105,7 @@ class Task:
 
     def total(self, terms: dict[str, Tensor]) -> Tensor:
         """task_i = w1 chamfer + w2 collision + w3 guidance + w4 q1_upper + ..., `[n]`."""
-        return weighted_sum(terms, self.weights, self.own)
+        return weighted_sum(terms, self.weights, self.custom)
 
     def _terms(
         self, rows: Candidates, batch: Batch, compute: SceneTerms, of_scene: Collection[str]

@@ -1,4 +1,4 @@
-"""What predictions are worth, measured without a simulator."""
+"""Quality of predictions, measured without a simulator."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import torch
 from scipy.stats import spearmanr
 from torch import Tensor
 
-from dmfc.config.execution import ExecutionConfig
 from dmfc.config.losses import LossConfig
 from dmfc.config.validation import ValidationConfig
 from dmfc.geometry.rotations import geodesic_angle
 from dmfc.geometry.transforms import transform
+from dmfc.hand.approach import Approach
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.model import HandModel
 from dmfc.losses.q1 import grasp_contacts, q1_of_contacts
@@ -38,12 +38,12 @@ class Validation:
         losses: LossConfig,
         hand: HandModel,
         atlas: ObjectAtlas,
-        execution: ExecutionConfig | None = None,
+        approach: Approach | None = None,
     ) -> None:
         self.config = config
         self.losses = losses
         self.atlas = atlas
-        self._terms = SceneTerms(hand, losses, execution)
+        self._terms = SceneTerms(hand, losses, approach)
         self._kinematics = HandKinematics(hand)
         self._q1 = dataclasses.replace(
             losses.q1, torque_weight=config.torque_weight, directions=DIRECTIONS, floor=True
@@ -66,7 +66,7 @@ class Validation:
             "chamfer": rows.chamfer[rows.positive],
         }
         sampled = rows.take(_spread(prediction.logit, self.config.sampled))
-        of_scene = [*(name for name in TERMS if name != "chamfer"), *self._terms.own.names]
+        of_scene = [*(name for name in TERMS if name != "chamfer"), *self._terms.custom.names]
         position, rotation, joints = sampled.position, sampled.rotation, sampled.joints
         objects = SceneObjects(self.atlas, batch.object_index, batch.T_world_object)
         found |= self._terms(position, rotation, joints, objects.take(sampled.scene), of_scene)

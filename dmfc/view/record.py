@@ -1,4 +1,4 @@
-"""Writes down where everything is during a trial, to be played on a page."""
+"""Records the poses of a trial, which a page can play."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One page on a port of this machine."""
+"""Serves one page on a port of this machine."""
 
 from __future__ import annotations
 

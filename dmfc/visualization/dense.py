@@ -38,8 +38,8 @@ def dense_picture(
     FigureCanvasAgg(figure)
     scale = Normalize(0.0, max(0.01, float(proposed.confidence.max(initial=0.0))))
     panels: list[Any] = []
-    told = f"{title}: {len(proposed)} grasps", f"the {len(executed)} that are executed"
-    for place, (grasps, text) in enumerate(zip((proposed, executed), told, strict=True), start=1):
+    titles = f"{title}: {len(proposed)} grasps", f"the {len(executed)} that are executed"
+    for place, (grasps, text) in enumerate(zip((proposed, executed), titles, strict=True), start=1):
         axes: Any = figure.add_subplot(1, 2, place, projection="3d", computed_zorder=False)
         axes.scatter(*points.T, c="#555555", s=1.5, depthshade=False, zorder=1)
         if len(grasps):
@@ -71,9 +71,9 @@ def _tips(hand: HandModel) -> tuple[np.ndarray, np.ndarray]:
     leaves = np.setdiff1d(np.arange(hand.links), hand.parents)
     tips = np.zeros((len(leaves), 3))
     for row, link in enumerate(leaves):
-        own = hand.collision_points[hand.collision_link == link]
-        if len(own):
-            tips[row] = own[np.argmax(np.linalg.norm(own, axis=1))]
+        points = hand.collision_points[hand.collision_link == link]
+        if len(points):
+            tips[row] = points[np.argmax(np.linalg.norm(points, axis=1))]
     return leaves, tips
 
 

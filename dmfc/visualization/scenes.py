@@ -16,13 +16,12 @@ from PIL import Image
 
 from dmfc.config.scenes import MatchingConfig
 from dmfc.geometry.points import farthest_points
-from dmfc.geometry.transforms import transform
 from dmfc.grasps.grasp_set import GraspSet
 from dmfc.hand.model import HandModel
 from dmfc.scenes.matching import match_grasps
 from dmfc.scenes.scene_grasps import SceneGrasps, grasps_in_scene
 from dmfc.scenes.scene_set import Scene
-from dmfc.sensing.render import View
+from dmfc.sensing.render import CameraView
 from dmfc.visualization.drawing import Pieces, bounds, cloud_pieces, draw, hand_pieces
 
 COLOURS = ["#4269d0", "#efb118", "#ff725c", "#3ca951", "#a463f2", "#97bbf5", "#9c6b4e"]
@@ -36,7 +35,7 @@ Panel = Callable[[Any], None]
 def scene_picture(
     scene: Scene,
     path: Path,
-    views: Sequence[View] = (),
+    views: Sequence[CameraView] = (),
     grasps: Mapping[str, GraspSet] | None = None,
     hand: HandModel | None = None,
     matching: MatchingConfig | None = None,
@@ -56,7 +55,7 @@ def scene_picture(
 
 def contact_sheet(
     scenes: Sequence[Scene],
-    views: Sequence[Sequence[View]],
+    views: Sequence[Sequence[CameraView]],
     path: Path | BinaryIO,
     grasps: Mapping[str, GraspSet] | None = None,
     hand: HandModel | None = None,
@@ -100,7 +99,7 @@ class _Drawn:
     """The panels of one scene that share a window."""
 
     scene: Scene
-    own: SceneGrasps | None
+    grasps: SceneGrasps | None
     positive: np.ndarray
     """[N] bool: which points have a grasp."""
     hands: Pieces | None
@@ -118,18 +117,18 @@ class _Drawn:
         shown: int,
         table_size: float,
     ) -> _Drawn:
-        own = hands = None
+        in_world = hands = None
         positive = np.zeros(len(scene.points), dtype=bool)
         if grasps is not None and hand is not None:
-            own = _labels(scene, grasps, hand.palm_reference)
-            positive = _positive(scene, own, matching or MatchingConfig())
-            shown = min(shown, len(own.position))
+            in_world = _labels(scene, grasps, hand.palm_reference)
+            positive = np.any(match_grasps(matching or MatchingConfig(), scene, in_world), axis=1)
+            shown = min(shown, len(in_world))
             if shown:
-                chosen = farthest_points(own.position, shown)
-                T_world_palm = transform(own.rotation[chosen], own.position[chosen])
-                hands = hand_pieces(hand, T_world_palm, own.joints[chosen], _HAND)
+                chosen = farthest_points(in_world.position, shown)
+                T_world_palm = in_world[chosen].T
+                hands = hand_pieces(hand, T_world_palm, in_world.joints[chosen], _HAND)
         parts = [_cloud(scene, _colours(scene)), *([hands] if hands else [])]
-        return cls(scene, own, positive, hands, shown, bounds(*parts), table_size)
+        return cls(scene, in_world, positive, hands, shown, bounds(*parts), table_size)
 
     def cloud(self, axes: Any) -> None:
         self._draw(axes, _cloud(self.scene, _colours(self.scene)))
@@ -138,13 +137,13 @@ class _Drawn:
 
     def labels(self) -> list[Panel]:
         """The panels of positive points and of hands; none for a scene without grasp sets."""
-        return [] if self.own is None else [self._positive_points, self._hands]
+        return [] if self.grasps is None else [self._positive_points, self._hands]
 
     def _positive_points(self, axes: Any) -> None:
-        assert self.own is not None
+        assert self.grasps is not None
         colours = np.where(self.positive[:, None], to_rgb(_POSITIVE), to_rgb(_GREY))
         self._draw(axes, _cloud(self.scene, colours))
-        share, count = self.positive.mean(), len(self.own.position)
+        share, count = self.positive.mean(), len(self.grasps.position)
         axes.set_title(f"positive points: {share:.0%}, of {count} labels", fontsize=8)
 
     def _hands(self, axes: Any) -> None:
@@ -186,11 +185,11 @@ def _colours(scene: Scene) -> np.ndarray:
     return np.array([to_rgb(COLOURS[k % len(COLOURS)]) for k in scene.point_object])
 
 
-def _depth_panel(view: View, number: int) -> Panel:
+def _depth_panel(view: CameraView, number: int) -> Panel:
     return lambda axes: _depth_image(axes, view, number)
 
 
-def _depth_image(axes: Any, view: View, number: int) -> None:
+def _depth_image(axes: Any, view: CameraView, number: int) -> None:
     """The part of the image around the objects, which are outlined."""
     is_object = view.object_index >= 0
     where = np.argwhere(is_object)
@@ -222,17 +221,3 @@ def _plan(axes: Any, scene: Scene) -> None:
     axes.set_aspect("equal")
     axes.set_title("from above, with normals", fontsize=9)
     axes.tick_params(labelsize=6)
-
-
-def _positive(scene: Scene, own: SceneGrasps, matching: MatchingConfig) -> np.ndarray:
-    """Which points have a grasp, bool [N]."""
-    matched = match_grasps(
-        matching,
-        scene.points,
-        scene.normals,
-        scene.point_object,
-        own.palm_reference,
-        own.palm_hit,
-        own.object_index,
-    )
-    return np.asarray(matched.any(1))

@@ -57,6 +57,6 @@ def trained(config: Config, model: str, name: str, store: Path) -> Trained:
         hand.palm_reference,
         config.matching,
         config.scenes.cameras,
-        seeds=config.network.levels[0],
+        num_seeds=config.network.levels[0],
     )
     return Trained(load_network(ledger.folder(stage.address), hand), hand, atlas, dataset)

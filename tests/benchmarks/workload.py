@@ -70,13 +70,17 @@ def batch_of(
 
 
 def module_of(
-    stage: Stage, hand: HandModel, network: NetworkConfig | None = None, **training: Any
+    stage: Stage,
+    hand: HandModel,
+    network: NetworkConfig | None = None,
+    losses: LossConfig = LOSSES,
+    **training: Any,
 ) -> GraspTraining:
     """A stage's training of a fresh network on four boxes."""
     torch.manual_seed(0)
     config = TrainingConfig(**training)
     grid = box_grid(HALF, 0.03)
     atlas = ObjectAtlas.of([Box(f"box/{i}", grid, np.zeros(3)) for i in range(OBJECTS)])
-    task = Task(stage, LOSSES, hand, atlas, config.rank_points)
+    task = Task(stage, losses, hand, atlas, config.rank_points)
     net = new_network(network or NetworkConfig(), hand)
     return GraspTraining(net, task, config, Path("failure.pt"))

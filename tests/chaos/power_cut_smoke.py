@@ -35,6 +35,16 @@ def sweep(store: Path) -> subprocess.Popen:
         )
 
 
+def resume(store: Path) -> int:
+    """Status of the sweep, called again while a busy machine does not let Ray start: its advice."""
+    for _ in range(5):
+        status = sweep(store).wait()
+        said = store.parent.with_name(f"{store.parent.name}.log").read_text()
+        if status == 0 or "Ray did not start on this machine" not in said:
+            return status
+    return status
+
+
 def rows(store: Path) -> pd.DataFrame:
     """Trial rows of the one sweep in a store, without times."""
     (path,) = store.glob("sweeps/*/trials.parquet")
@@ -68,7 +78,7 @@ def main(calm: Path, count: int = 15) -> int:
                 store = disk.folder / "store"
                 before = len(list(store.glob("stages/*/*/stage.json")))
                 empty = empty_records(store)
-                status = sweep(store).wait()
+                status = resume(store)
                 same = status == 0 and rows(store).equals(expected)
                 wrong += not same
                 print(

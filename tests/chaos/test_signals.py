@@ -117,6 +117,15 @@ def test_sigterm_in_the_middle(driver):
     assert read_state(folder).status == "KILLED"
 
 
+def test_sigterm_to_the_whole_group_while_ray_starts(driver):
+    """As `timeout` and Slurm do it, which signal the processes of Ray too."""
+    one = driver()
+    one.until(lambda: one.named("gcs_server"))
+    children = psutil.Process(one.process.pid).children(recursive=True)
+    os.killpg(one.process.pid, signal.SIGTERM)
+    one.ended(children, 128 + signal.SIGTERM)
+
+
 def test_the_head_of_the_cluster_is_lost(driver):
     """Found out in 3 s here instead of 45; Ray itself would end the process after 60."""
     one = driver(HEAD_SECONDS="3")

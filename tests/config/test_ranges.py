@@ -36,7 +36,7 @@ MAY_BE_NEGATIVE = {
     "scenes.cameras.target_height",
     "scenes.approach_tolerance",
     "network.offset_ahead",
-    "losses.own",
+    "losses.custom",
 }
 
 
@@ -112,7 +112,7 @@ def _owner(key: str) -> type:
         ("network.radii=[0.02, inf, 0.08]", "network.radii must be a finite number, not inf"),
         ("grasps.palm_gap=[0.01]", "grasps.palm_gap must have 2 entries, not 1"),
         ("grasps.palm_gap=[0.03, 0.0]", "grasps.palm_gap must be [least, greatest]"),
-        ("losses.own={a.py:b: nan}", "losses.own must be a finite number"),
+        ("losses.custom={a.py:b: nan}", "losses.custom must be a finite number"),
         ("scenes.train.max_objects=2", "scenes.train.min_objects (3) must not be above"),
         ("scenes.points=256", "network.levels begins with 512 seed points"),
     ],

@@ -48,7 +48,7 @@ def test_what_a_preset_changes_fits_a_screen_and_is_right() -> None:
 
 
 def test_values_defaults_and_sources() -> None:
-    presets, overrides = ["medium", "literal"], ["scenes.test.count=7", "losses.own={a.py:b: 2}"]
+    presets, overrides = ["medium", "literal"], ["scenes.test.count=7", "losses.custom={a.py:b: 2}"]
     config = load_config(presets, overrides)
     rows = {row.key: row for row in described(presets, overrides)}
     assert set(rows) == {key for key, group in all_keys().items() if group is None}
@@ -60,7 +60,7 @@ def test_values_defaults_and_sources() -> None:
     assert rows["scenes.train.count"].source == "preset medium"
     assert rows["grasps.source"].source == "preset quick"  # medium extends it
     assert rows["network.offset_to"].source == "preset literal"
-    assert rows["losses.own"].value == {"a.py:b": 2.0}
+    assert rows["losses.custom"].value == {"a.py:b": 2.0}
 
 
 def test_a_key_or_a_group_is_selected() -> None:

@@ -40,7 +40,7 @@ def test_the_objects_are_bars_of_the_sizes_that_they_are_named_by(folder):
 def test_the_loss_is_the_squared_depth_below_one_centimetre(folder):
     """Of the page's hand, palm up: its lowest point is the bottom of the palm, 1 cm below."""
     hand = build_hand(HandConfig(name="claw.yaml", collision_points=400, link_sdf_spacing=0.004))
-    terms = SceneTerms(hand, LossConfig(own={"my_losses.py:off_table": 1.0}))
+    terms = SceneTerms(hand, LossConfig(custom={"my_losses.py:off_table": 1.0}))
     atlas: ObjectAtlas = toy_atlas()
     height = torch.tensor([0.03, 0.015, 0.01, 0.0]).double()
     n = len(height)
@@ -50,7 +50,7 @@ def test_the_loss_is_the_squared_depth_below_one_centimetre(folder):
     )
     joints = torch.from_numpy(hand.open_joints).expand(n, -1)
     rotation = torch.eye(3).double().expand(n, 3, 3)
-    value = terms(position, rotation, joints, objects, ["own_off_table"])["own_off_table"]
+    value = terms(position, rotation, joints, objects, ["custom_off_table"])["custom_off_table"]
     assert value.tolist() == pytest.approx([0, 0.25, 1, 4], abs=1e-6)
 
 
@@ -59,9 +59,9 @@ def test_the_sweep_names_all_of_it(folder):
     assert [cell.name for cell in sweep.cells] == ["four", "five", "nearest", "planner", "random"]
     four, five = (cell_config(sweep, cell, 0, "smoke", []) for cell in sweep.cells[:2])
     assert four.hand.name == "claw.yaml"
-    assert four.losses.own == {}
+    assert four.losses.custom == {}
     assert four.network.backbone == "pointnet2"
-    assert five.losses.own == {"my_losses.py:off_table": 1.0}
+    assert five.losses.custom == {"my_losses.py:off_table": 1.0}
     assert five.losses.weights == four.losses.weights
 
 
@@ -77,7 +77,7 @@ def test_the_commands_run_as_printed(folder):
     metrics = [
         path.read_text() for path in (folder / "store").glob("stages/finetune/*/metrics.jsonl")
     ]
-    assert sorted("own_off_table" in text for text in metrics) == [False, True]
+    assert sorted("custom_off_table" in text for text in metrics) == [False, True]
     kept, planned = (
         {path.name: len(pd.read_parquet(path)) for path in (folder / name).rglob("*.parquet")}
         for name in ("my_grasps", "planned")

@@ -48,7 +48,7 @@ def test_a_changed_weight_names_itself_and_then_the_stage_that_follows(done):
     told = why(done, "losses.weights.collision=2")
     assert told == {
         "finetune": {"losses.weights.collision 1.0 -> 2.0"},
-        "evaluate": {"its inputs are made anew: finetune c seed 0"},
+        "evaluate": {"its inputs are made again: finetune c seed 0"},
     }
 
 

@@ -132,7 +132,7 @@ def test_an_archive_carries_a_sweep_to_another_store(swept, ledger, tmp_path, na
     again = take_in(other, archive)
     assert (again.stages, set(again.known)) == ([], addresses)
     assert [path.name for path in (other.store / "work").iterdir()] == []
-    with pytest.raises(DmfcError, match="is there already"):
+    with pytest.raises(DmfcError, match="exists already"):
         export(ledger, addresses, [], archive)
 
 
@@ -144,7 +144,7 @@ def test_an_archive_may_lie_at_a_url(swept, ledger, tmp_path, scheme):
     with fetched(other, place) as local:
         assert set(take_in(other, local).stages) == addresses
     assert list((other.store / "work").iterdir()) == []
-    with pytest.raises(DmfcError, match="is there already"):
+    with pytest.raises(DmfcError, match="exists already"):
         export_to(ledger, addresses, [], place)
     missing = place.replace("a.tar", "b.tar")
     with pytest.raises(DmfcError, match="was not copied"), fetched(other, missing):
@@ -194,7 +194,7 @@ def test_a_damaged_or_hostile_archive_adds_nothing(swept, ledger, tmp_path):
     with pytest.raises(DmfcError):
         take_in(other, archive)
     archive.write_text("no archive")
-    with pytest.raises(DmfcError, match="is no tar archive"):
+    with pytest.raises(DmfcError, match="is not a tar archive"):
         take_in(other, archive)
     assert list(other.addresses()) == []
     assert not (tmp_path / "evil").exists()

@@ -37,7 +37,7 @@ def scenes(hand: HandModel, tmp_path_factory: pytest.TempPathFactory) -> SceneSe
 def planner(hand: HandModel, description: HandDescription, scenes: SceneSet) -> Evaluation:
     objects = {shape(name).id: shape(name) for name in ("block", "ball")}
     return Evaluation(
-        row="planner",
+        source="planner",
         scenes=scenes,
         objects=objects,
         grasps={shape(name).id: planned(name) for name in ("block", "ball")},

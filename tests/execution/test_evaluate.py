@@ -82,7 +82,7 @@ def test_a_scene_does_not_depend_on_those_before_it(
 
 
 def test_the_random_row_is_executed_likewise(planner: Evaluation) -> None:
-    evaluation = dataclasses.replace(planner, row="random", grasps=None)
+    evaluation = dataclasses.replace(planner, source="random", grasps=None)
     rows = rows_of(evaluation, planner.scenes[2])
     assert len(rows) == K
     assert rows["object"].unique().tolist() == [shape("block").id]
@@ -91,7 +91,7 @@ def test_the_random_row_is_executed_likewise(planner: Evaluation) -> None:
 
 
 def test_the_planner_beats_chance_by_half(planner: Evaluation, rows: pd.DataFrame) -> None:
-    chance = rows_of(dataclasses.replace(planner, row="random", grasps=None), planner.scenes[0])
+    chance = rows_of(dataclasses.replace(planner, source="random", grasps=None), planner.scenes[0])
     assert rows.loc[rows["scene"] == 10, "held"].mean() - chance["held"].mean() >= 0.5
 
 
@@ -108,7 +108,7 @@ def test_grasps_of_low_confidence_are_not_executed(planner: Evaluation) -> None:
 @pytest.mark.parametrize("row", ["model", "random"])
 def test_a_row_gets_what_it_needs_and_nothing_else(planner: Evaluation, row: str) -> None:
     with pytest.raises(DmfcError, match=f"row '{row}'"):
-        dataclasses.replace(planner, row=row)
+        dataclasses.replace(planner, source=row)
     with pytest.raises(DmfcError, match="row 'planner'"):
         dataclasses.replace(planner, grasps=None)
 

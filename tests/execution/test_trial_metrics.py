@@ -46,7 +46,7 @@ class Recorder:
                 phase,
                 SimpleNamespace(
                     hand=deepest[0],
-                    own=deepest[1],
+                    itself=deepest[1],
                     full=full.mean(),
                     turn=turn[0].inv() * turn[1],
                     centre=centre,
@@ -88,7 +88,7 @@ def test_penetrations_are_those_of_mujocos_contacts(trial: tuple[Outcome, Record
     outcome, recorder = trial
     looks = recorder.of(*PHASES)
     assert outcome.hand_penetration == pytest.approx(max(seen.hand for seen in looks))
-    assert outcome.self_penetration == pytest.approx(max(seen.own for seen in looks))
+    assert outcome.self_penetration == pytest.approx(max(seen.itself for seen in looks))
     assert outcome.contact_penetration >= outcome.hand_penetration > 0
 
 

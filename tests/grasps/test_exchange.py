@@ -210,9 +210,9 @@ def test_the_frame_is_that_of_their_mesh(bench, grasps, hand, description, tmp_p
     away = dataclasses.replace(theirs, vertices=block.vertices + 100 * shift)
 
     def origin(model):
-        return in_frame("dexgraspbench", foreign, model).T_object_root[0, :3, 3]
+        return in_frame("dexgraspbench", foreign, model).T[0, :3, 3]
 
-    np.testing.assert_allclose(origin(theirs), foreign.T_object_root[0, :3, 3], atol=1e-12)
+    np.testing.assert_allclose(origin(theirs), foreign.T[0, :3, 3], atol=1e-12)
     np.testing.assert_allclose(origin(other) - origin(theirs), shift, atol=1e-12)
     np.testing.assert_allclose(origin(away) - origin(theirs), 100 * shift, atol=1e-12)
 

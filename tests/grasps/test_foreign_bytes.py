@@ -62,10 +62,10 @@ def read(folder: Path, format_name: str, content: bytes) -> None:
     if found is None:
         assert path.name in message
     else:
-        assert np.isfinite(found.T_object_root).all()
+        assert np.isfinite(found.T).all()
         assert np.isfinite(found.joints).all()
         assert (found.scales > 0).all()
-        np.testing.assert_allclose(np.linalg.det(found.T_object_root), 1, atol=1e-6)
+        np.testing.assert_allclose(np.linalg.det(found.T), 1, atol=1e-6)
 
 
 def test_good_files_are_read(tmp_path, good):

@@ -8,7 +8,8 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from dmfc.grasps import hand_kernel
-from dmfc.grasps.propose import fingers
+from dmfc.grasps.hand_arrays import grid_arrays, hand_arrays
+from dmfc.hand.fingers import fingers
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.model import HandModel
 from tests.support.grasp_shapes import BLOCK_SIZE, shape
@@ -32,7 +33,7 @@ def placed(
     hand: HandModel, poses: tuple[np.ndarray, np.ndarray]
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """The kernel's link poses of each hand."""
-    arrays = hand_kernel.hand_arrays(hand, fingers(hand)[1])
+    arrays = hand_arrays(hand, fingers(hand)[1])
     found = []
     for T, joints in zip(*poses, strict=True):
         R, t = np.empty((hand.links, 3, 3)), np.empty((hand.links, 3))
@@ -63,7 +64,7 @@ def test_links_are_where_the_kinematics_put_them(
 def test_a_lookup_is_that_of_the_grid() -> None:
     grid = shape("block").sdf
     where = np.random.default_rng(0).uniform(-1.5, 1.5, (500, 3)) * BLOCK_SIZE
-    arrays = hand_kernel.grid_arrays(grid)
+    arrays = grid_arrays(grid)
     found = [hand_kernel.lookup(arrays, *point) for point in where]
     assert np.array(found) == pytest.approx(grid.distance(where), abs=1e-7)
 
@@ -72,8 +73,8 @@ def test_deepest_is_the_largest_distance_of_all_points(
     hand: HandModel, placed: list[tuple[np.ndarray, np.ndarray]], points: np.ndarray
 ) -> None:
     finger = fingers(hand)[1]
-    arrays, sdf = hand_kernel.hand_arrays(hand, finger), shape("block").sdf
-    grid, shift = hand_kernel.grid_arrays(sdf), np.array([0.0, 0.01, -0.02])
+    arrays, sdf = hand_arrays(hand, finger), shape("block").sdf
+    grid, shift = grid_arrays(sdf), np.array([0.0, 0.01, -0.02])
     depth = sdf.distance(points + shift)
     for (R, t), own in zip(placed, depth, strict=True):
         for which in (hand_kernel.ALL, -1, 0, 4):
@@ -90,7 +91,7 @@ def test_deepest_is_the_largest_distance_of_all_points(
 def test_above_looks_at_every_point(
     hand: HandModel, placed: list[tuple[np.ndarray, np.ndarray]], points: np.ndarray
 ) -> None:
-    arrays = hand_kernel.hand_arrays(hand, fingers(hand)[1])
+    arrays = hand_arrays(hand, fingers(hand)[1])
     plane = np.array([0.48, 0.6, 0.64, 0.15])
     lowest = (points @ plane[:3] + plane[3]).min(axis=1)
     found = [hand_kernel.above(arrays, R, t, STILL, plane) for R, t in placed]

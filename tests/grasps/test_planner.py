@@ -12,7 +12,8 @@ import torch
 from dmfc.config.losses import Q1Config
 from dmfc.config.physics import PhysicsConfig
 from dmfc.grasps.grasp_set import GraspSet
-from dmfc.grasps.planner import palm_hits, plan
+from dmfc.grasps.palm_hits import palm_hits
+from dmfc.grasps.planner import plan
 from dmfc.hand.description import HandDescription
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.model import HandModel

@@ -9,8 +9,9 @@ import pytest
 import torch
 
 from dmfc.config.grasps import GraspsConfig
-from dmfc.grasps.propose import Candidates, Proposer, fingers
+from dmfc.grasps.propose import Candidates, Proposer
 from dmfc.hand.description import HandDescription
+from dmfc.hand.fingers import fingers
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.model import HandModel
 from tests.support.grasp_shapes import BALL_RADIUS, BLOCK_SIZE, CONFIG, depth_in_block, shape

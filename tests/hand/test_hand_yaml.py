@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from dmfc.config.hand import HandConfig
 from dmfc.errors import DmfcError
 from dmfc.hand.build import build_hand
-from dmfc.hand.description import HandDescription, load_description, own_hand_digest
+from dmfc.hand.description import HandDescription, custom_hand_digest, load_description
 from tests.hand.test_small_hand import MJCF
 from tests.support.foreign import attempted
 
@@ -103,7 +103,7 @@ def read(folder: Path, content: bytes) -> None:
     path.write_bytes(content)
     found, message = attempted(lambda: load_description(str(path)))
     assert isinstance(found, HandDescription) or "hand.yaml" in message
-    attempted(lambda: own_hand_digest(str(path)))
+    attempted(lambda: custom_hand_digest(str(path)))
 
 
 ANY = settings(

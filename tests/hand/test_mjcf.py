@@ -175,7 +175,7 @@ def test_an_unknown_hand_lists_the_hands() -> None:
         (YAML.replace("ratio: 0.5", "ratio: 0"), "j2.ratio is 0"),
         (YAML + "flexion: {j9: 1.0}\n", "joint in flexion.*'j9'"),
         (YAML + "preshape: {j9: [0, 1]}\n", "joint in preshape.*'j9'"),
-        (YAML + "preshape: {j1: [1, 0]}\n", "preshape.j1 is no range"),
+        (YAML + "preshape: {j1: [1, 0]}\n", "preshape.j1 is not a range"),
         (YAML + "palm_normal: [0, 0, 0]\n", "palm_normal has no direction"),
     ],
 )
@@ -197,7 +197,7 @@ def test_descriptions_that_are_refused_on_one_line(tmp_path: Path, yaml: str, me
             "no.stl.*key mjcf",
         ),
         (MJCF.replace('<position name="a1" joint="j1"/>', ""), "no actuator drives 'j1'"),
-        (MJCF.replace("<position name", "<motor name"), "'hand/a1' is no position servo"),
+        (MJCF.replace("<position name", "<motor name"), "'hand/a1' is not a position servo"),
     ],
 )
 def test_files_that_are_refused_on_one_line(tmp_path: Path, mjcf: str | None, message: str) -> None:

@@ -12,6 +12,7 @@ from dmfc.config.execution import ExecutionConfig
 from dmfc.config.losses import LossConfig, SweptConfig
 from dmfc.execution.trajectory import plan_trajectory
 from dmfc.geometry.transforms import apply, inverse, transform
+from dmfc.hand.approach import Approach
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.hand.model import HandModel
 from dmfc.losses.swept import SweptCollision, grasped
@@ -21,6 +22,7 @@ from tests.losses.test_loss_task import grasps
 from tests.support.loss_shapes import ball_distance, box_distance
 
 EXECUTION = ExecutionConfig(waypoints=4, pregrasp_distance=0.07)
+APPROACH = Approach.of_execution(EXECUTION)
 CONFIG = SweptConfig(margin=0.006, grasp_tolerance=0.004)
 
 
@@ -51,7 +53,7 @@ def brute_force(hand: HandModel, scene: SceneObjects, row: int) -> float:
 def test_it_is_what_the_trajectory_of_execution_meets(
     hand: HandModel, scene: SceneObjects, row: int
 ) -> None:
-    swept = SweptCollision(HandKinematics(hand), CONFIG, EXECUTION)
+    swept = SweptCollision(HandKinematics(hand), CONFIG, APPROACH)
     measured = swept(*grasps(hand), scene)[row].item()
     assert measured > 0
     assert measured == pytest.approx(brute_force(hand, scene, row), rel=0.02)
@@ -60,14 +62,14 @@ def test_it_is_what_the_trajectory_of_execution_meets(
 def test_a_hand_that_is_far_off_costs_nothing(hand: HandModel, scene: SceneObjects) -> None:
     position, rotation, joints = grasps(hand)
     away = position + torch.tensor([0.0, 0.0, 0.6])
-    swept = SweptCollision(HandKinematics(hand), CONFIG, EXECUTION)
+    swept = SweptCollision(HandKinematics(hand), CONFIG, APPROACH)
     assert (swept(away, rotation, joints, scene) == 0).all()
 
 
 def test_a_tolerance_of_execution_bounds_that_of_the_loss(hand: HandModel) -> None:
-    strict = dataclasses.replace(EXECUTION, grasp_tolerance=0.001)
+    strict = dataclasses.replace(APPROACH, grasp_tolerance=0.001)
     assert SweptCollision(HandKinematics(hand), CONFIG, strict).grasp_tolerance == 0.001
-    assert SweptCollision(HandKinematics(hand), CONFIG, EXECUTION).grasp_tolerance == 0.004
+    assert SweptCollision(HandKinematics(hand), CONFIG, APPROACH).grasp_tolerance == 0.004
 
 
 def test_the_object_that_is_held_is_the_nearest() -> None:

@@ -196,17 +196,17 @@ def test_normalised_meshes_get_their_size_by_a_scale(tmp_path):
 
 OWN = """
 import trimesh
-from dmfc.objects.custom import OwnObject
+from dmfc.objects.custom import CustomObject
 
 def boxes():
-    return [OwnObject(f"box-{n}", lambda: trimesh.creation.box((0.04, 0.05, 0.06)), mass=0.2)
-            for n in (1, 2)] + [OwnObject("odd", lambda: 1)]
+    return [CustomObject(f"box-{n}", lambda: trimesh.creation.box((0.04, 0.05, 0.06)), mass=0.2)
+            for n in (1, 2)] + [CustomObject("odd", lambda: 1)]
 
 def named():
-    return [OwnObject("кружка", lambda: None)]
+    return [CustomObject("кружка", lambda: None)]
 
 def wrong():
-    return [OwnObject("a b", lambda: None)]
+    return [CustomObject("a b", lambda: None)]
 
 def twice():
     return 2 * boxes()
@@ -240,9 +240,9 @@ def test_a_source_of_the_users_own(tmp_path, monkeypatch):
         ("mine.py:boxs", "unknown function of mine.py 'boxs'; did you mean 'boxes'"),
         ("mine.py", "not of the form file.py:function"),
         ("./mine.py", "not of the form file.py:function"),
-        ("mine.py:wrong", "'a b' is no name"),
+        ("mine.py:wrong", "'a b' is not a valid name"),
         ("mine.py:twice", "given twice"),
-        ("mine.py:nothing", r"nothing\(\) must give a list of OwnObject"),
+        ("mine.py:nothing", r"nothing\(\) must give a list of CustomObject"),
     ],
 )
 def test_wrong_sources_of_the_users_own(tmp_path, monkeypatch, selector, message):

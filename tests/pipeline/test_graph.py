@@ -4,14 +4,15 @@ from collections import Counter
 
 import pytest
 
-from dmfc.config.custom_function import own_function
+from dmfc.config.custom_function import custom_function
 from dmfc.config.load import load_config
 from dmfc.engine.stage import closure
 from dmfc.errors import DmfcError
 from dmfc.files.digest import file_digest
 from dmfc.grasps.library import library_file
-from dmfc.pipeline.graph import GraphBuilder, ObjectRef, without
-from dmfc.pipeline.here import check_own_backbone, check_own_losses
+from dmfc.pipeline.graph import GraphBuilder, without
+from dmfc.pipeline.graph_data import ObjectRef
+from dmfc.pipeline.here import check_custom_backbone, check_custom_losses
 from dmfc.prediction.models import model_folder
 from dmfc.sweep.planner import plan_sweep
 from dmfc.sweep.sweep_file import load_sweep
@@ -85,7 +86,7 @@ def test_table_one_shares_data_and_pretraining(builder):
         ("training.finetune_form=projected", {"finetune", "evaluate"}),
         ("training.projection.steps=3", {"finetune", "evaluate"}),
         ("training.diagnostic_scenes=3", {"finetune", "evaluate"}),
-        ("losses.own={}", set()),
+        ("losses.custom={}", set()),
         ("grasps.library=''", set()),
         ("training.threads=4", set()),
         ("training.loader_workers=2", set()),
@@ -153,24 +154,24 @@ def test_a_loss_of_the_users_own_reruns_what_learns_with_it_whenever_its_file_ch
 ):
     file = tmp_path / "mine.py"
     file.write_text("def high(hands):\n    return hands.position[:, 2]\n")
-    override = f"losses.own={{{file}:high: 1}}"
+    override = f"losses.custom={{{file}:high: 1}}"
     assert changed(builder, override) == {"finetune", "evaluate"}
     before = keys(builder, override)
     file.write_text("def high(hands):\n    return -hands.position[:, 2]\n")
     after = keys(builder, override)
     assert {kind for kind in before if before[kind] != after[kind]} == {"finetune", "evaluate"}
     with pytest.raises(DmfcError, match=r"unknown function of .* 'hihg'; did you mean 'high'"):
-        keys(builder, f"losses.own={{{file}:hihg: 1}}")
+        keys(builder, f"losses.custom={{{file}:hihg: 1}}")
 
 
 def test_a_loss_that_changed_after_the_sweep_began_is_refused(tmp_path):
     file = tmp_path / "mine.py"
     file.write_text("def high(hands): ...\n")
-    digest = own_function(f"{file}:high", "losses.own").digest
-    check_own_losses({f"{file}:high": digest})
+    digest = custom_function(f"{file}:high", "losses.custom").digest
+    check_custom_losses({f"{file}:high": digest})
     file.write_text("def high(hands): return 1\n")
     with pytest.raises(DmfcError, match="is not the same"):
-        check_own_losses({f"{file}:high": digest})
+        check_custom_losses({f"{file}:high": digest})
 
 
 def test_a_hand_of_the_users_own_reruns_all_that_has_a_hand_whenever_its_files_change(
@@ -345,13 +346,13 @@ def test_the_file_of_a_backbone_is_part_of_what_is_trained(builder, tmp_path):
     trained = {"pretrain", "finetune", "evaluate"}
     assert changed(builder, override) == trained
     before = keys(builder, override)
-    digests = builder.pretrain(load_config("smoke", [override])).config["own_backbone"]
-    check_own_backbone(digests)
+    digests = builder.pretrain(load_config("smoke", [override])).config["custom_backbone"]
+    check_custom_backbone(digests)
     file.write_text("class Mine: ...\n\n")
     after = keys(builder, override)
     assert {kind for kind in before if before[kind] != after[kind]} == trained
     with pytest.raises(DmfcError, match="is not the same"):
-        check_own_backbone(digests)
+        check_custom_backbone(digests)
     assert changed(builder, "network.backbone=pointnet2") == set()
     assert changed(builder, "network.backbone=dgcnn") == trained
     with pytest.raises(DmfcError, match=r"unknown class of .* 'Mne'; did you mean 'Mine'"):

@@ -159,11 +159,11 @@ def test_poses(tmp_path):
     np.savetxt(tmp_path / "nan.txt", T * [[1], [1], [1], [np.nan]])
     (tmp_path / "empty.npy").touch()
     for name, told in (
-        ("scaled.txt", "is no pose"),
-        ("mirrored.txt", "is no pose"),
+        ("scaled.txt", "is not a pose"),
+        ("mirrored.txt", "is not a pose"),
         ("short.txt", "cannot be read as a 4 x 4 matrix"),
         ("empty.npy", "is empty: it has 0 bytes"),
-        ("nan.txt", "is no pose"),
+        ("nan.txt", "is not a pose"),
         ("missing.txt", "there is no file"),
     ):
         with pytest.raises(DmfcError, match=f"{told}.*--pose"):

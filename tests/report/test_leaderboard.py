@@ -6,13 +6,15 @@ import dataclasses
 import json
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from dmfc.config.load import load_config
 from dmfc.errors import DmfcError
 from dmfc.methods.named import load_benchmark, protocol_digest, scenes_digest
+from dmfc.report.formats import rate_text
 from dmfc.report.leaderboard import Entry, read_entries, to_html, to_markdown
-from dmfc.report.rates import Rate
+from dmfc.report.rates import Rate, Rates, rates
 
 ROOT = Path(__file__).resolve().parents[2]
 BENCHMARK = load_benchmark()
@@ -20,9 +22,11 @@ SINGLE = BENCHMARK.sets["single"]
 
 
 def entry(**more) -> Entry:
-    values = {"set": "single", "scenes": SINGLE.scenes, "name": "mine", "trials": 400}
-    values |= {"planned": 300, "held": 200, **more}
-    return Entry(BENCHMARK.name, BENCHMARK.version, **values)
+    values = {"set": "single", "scenes": SINGLE.scenes, "name": "mine", **more}
+    held, named = values.pop("held", 200), {"benchmark": BENCHMARK.name}
+    rates = Rates(Rate(300, 400), Rate(held, 300), Rate(held, 400, 250.0, 2.0))
+    made = Entry.measured(rates, **named, version=BENCHMARK.version, **values)
+    return dataclasses.replace(made, rates={}) if made.reported else made
 
 
 def test_the_sets_are_the_frozen_ones_and_the_protocol_has_not_changed():
@@ -54,7 +58,7 @@ def test_an_entry_may_choose_among_its_grasps_and_nothing_else():
 
 
 def test_pages_show_the_best_first_with_their_intervals(tmp_path):
-    reported = entry(name="paper", trials=0, planned=0, held=0, reported={"overall": [0.56, 0.02]})
+    reported = entry(name="paper", reported={"overall": [0.56, 0.02]})
     best = entry(name="better <b>", held=300, seconds=0.25, failed_scenes=2, used="normals")
     for number, one in enumerate((entry(), reported, best)):
         one.save(tmp_path / f"{number}.json")
@@ -62,8 +66,8 @@ def test_pages_show_the_best_first_with_their_intervals(tmp_path):
     text = to_markdown(entries, BENCHMARK)
     rows = [line for line in text.splitlines() if line.startswith("| ")][2:]
     assert [row.split(" | ")[0] for row in rows] == ["| better \\<b\\>", "| paper", "| mine"]
-    low, high = Rate(300, 400).interval
-    assert f"0.75 ± 0.02 \\[{low:.2f}, {high:.2f}\\]" in rows[0]
+    low, high = Rate(300, 400, 250.0, 2.0).interval
+    assert f"0.75 ± 0.03 \\[{low:.2f}, {high:.2f}\\]" in rows[0]
     assert "| reported | 0.56 ± 0.02 | – | – |" in rows[1]
     page = to_html(entries, BENCHMARK)
     assert "better &lt;b&gt;" in page
@@ -76,7 +80,8 @@ def test_pages_show_the_best_first_with_their_intervals(tmp_path):
         ({"scenes": "0" * 16}, "its scenes are 0000"),
         ({"version": 0}, "version 0, not of dmfc-table version 1"),
         ({"set": "sngle"}, "has no test set 'sngle'"),
-        ({"held": 301}, "must be counts"),
+        ({"rates": entry(held=301).rates}, "contradict each other"),
+        ({"rates": {}}, "cannot be read as an entry"),
         ({"colour": "red"}, "cannot be read as an entry"),
     ],
 )
@@ -93,5 +98,7 @@ def test_the_committed_pages_are_those_of_the_committed_entries():
     assert (folder / "README.md").read_text() == to_markdown(entries, BENCHMARK)
     assert (folder / "index.html").read_text() == to_html(entries, BENCHMARK)
     ours = next(e for e in entries if e.origin.startswith("results/table1.trials.parquet:all,"))
-    printed = (ROOT / "results" / "table1.md").read_text()
-    assert ours.text("overall") in printed
+    measured = pd.read_parquet(ROOT / "results" / "table1.trials.parquet")
+    found = rates(measured[measured["cell"] == "all"], 400)
+    assert ours.text("overall") == rate_text(found.overall)
+    assert ours.rate("overall").interval == pytest.approx(found.overall.interval)

@@ -7,7 +7,7 @@ import pytest
 
 from dmfc.config.scenes import CameraConfig, MatchingConfig, ScenesConfig
 from dmfc.geometry.points import farthest_points
-from dmfc.scenes.matching import match_grasps
+from dmfc.scenes.matching import ObservedPoints, match_grasps
 from dmfc.scenes.publish.label_stats import label_row, single_scenes
 from dmfc.scenes.scene_grasps import grasps_in_scene
 
@@ -22,7 +22,7 @@ def test_shares_are_those_of_the_seeds(objects, grasps, hand):
     row = label_row(made["shape/box"], grasps, hand, matching, 256)
     positive, matched, labels = [], 0, 0
     for scene in made["shape/box"]:
-        own = grasps_in_scene(
+        in_world = grasps_in_scene(
             scene.object_ids,
             scene.T_world_object,
             scene.grasp_object,
@@ -31,15 +31,7 @@ def test_shares_are_those_of_the_seeds(objects, grasps, hand):
             hand.palm_reference,
         )
         seeds = farthest_points(scene.points, 256)
-        table = match_grasps(
-            matching,
-            scene.points[seeds],
-            scene.normals[seeds],
-            scene.point_object[seeds],
-            own.palm_reference,
-            own.palm_hit,
-            own.object_index,
-        )
+        table = match_grasps(matching, ObservedPoints.of(scene, seeds), in_world)
         positive.append(table.any(1).mean())
         matched, labels = matched + table.any(0).sum(), labels + table.shape[1]
     assert labels > 0

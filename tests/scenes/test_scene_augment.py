@@ -19,7 +19,7 @@ from dmfc.config.scenes import (
 from dmfc.geometry import transforms
 from dmfc.scenes.augment import sensor_errors
 from dmfc.scenes.make import SceneMaker
-from dmfc.scenes.matching import match_grasps
+from dmfc.scenes.matching import ObservedPoints, match_grasps
 from dmfc.scenes.scene_grasps import grasps_in_scene
 from dmfc.sensing.cameras import table_cameras
 
@@ -117,7 +117,7 @@ def test_a_turn_about_the_vertical_turns_all_alike(scenes, grasps, hand, yaw, sh
     config = MatchingConfig(mode=mode, distance=0.03)
     tables, labels = [], []
     for T_new_world in (np.eye(4), T):
-        own = grasps_in_scene(
+        in_world = grasps_in_scene(
             scene.object_ids,
             T_new_world @ scene.T_world_object,
             scene.grasp_object,
@@ -127,10 +127,9 @@ def test_a_turn_about_the_vertical_turns_all_alike(scenes, grasps, hand, yaw, sh
         )
         points = transforms.apply(T_new_world, scene.points.astype(np.float64))
         normals = transforms.rotate(T_new_world, scene.normals.astype(np.float64))
-        where = (points, normals, scene.point_object)
-        hits = (own.palm_reference, own.palm_hit, own.object_index)
-        tables.append(match_grasps(config, *where, *hits))
-        labels.append(own)
+        observed = ObservedPoints(points, normals, scene.point_object)
+        tables.append(match_grasps(config, observed, in_world))
+        labels.append(in_world)
     before, after = labels
     assert len(before.position) > 0
     assert np.allclose(transforms.apply(T, before.position), after.position, atol=1e-12)

@@ -13,9 +13,9 @@ from dmfc.config.scenes import MatchingConfig, ScenesConfig
 from dmfc.geometry import transforms
 from dmfc.hand.kinematics import HandKinematics
 from dmfc.scenes.labels import HandAtGrasps, surviving_labels
-from dmfc.scenes.matching import match_grasps
+from dmfc.scenes.matching import ObservedPoints, match_grasps
 from dmfc.scenes.publish.stats import scene_stats, stats_rows
-from dmfc.scenes.scene_grasps import grasps_in_scene
+from dmfc.scenes.scene_grasps import SceneGrasps, grasps_in_scene
 from tests.support import scene_shapes
 
 
@@ -35,28 +35,19 @@ def test_matching_equals_brute_force(mode, scenes, grasps, hand):
     config = MatchingConfig(mode=mode, distance=0.02)
     found = 0
     for scene in scenes[:2]:
-        own = labels_of(scene, grasps, hand)
-        seeds = slice(0, 200)
-        points, normals = scene.points[seeds], scene.normals[seeds]
-        owner = scene.point_object[seeds]
-        table = match_grasps(
-            config,
-            points,
-            normals,
-            owner,
-            own.palm_reference,
-            own.palm_hit,
-            own.object_index,
-        )
-        expected = np.zeros((200, len(own.position)), dtype=bool)
-        for g, (p_p, hit) in enumerate(zip(own.palm_reference, own.palm_hit, strict=True)):
-            mine = np.flatnonzero(owner == own.object_index[g])
+        labels = labels_of(scene, grasps, hand)
+        seeds = ObservedPoints.of(scene, np.arange(200))
+        points, normals, owner = seeds.points, seeds.normals, seeds.point_object
+        table = match_grasps(config, seeds, labels)
+        expected = np.zeros((200, len(labels)), dtype=bool)
+        for g, (p_p, hit) in enumerate(zip(labels.palm_reference, labels.palm_hit, strict=True)):
+            mine = np.flatnonzero(owner == labels.object_index[g])
             faces = [n @ (p_p - p) > 0 for p, n in zip(points[mine], normals[mine], strict=True)]
             mine = mine[faces]
             centres = {"patch": np.linspace(p_p, hit, 4001), "projected": hit, "literal": p_p}
             away = np.array([_nearest(p, centres[mode]) for p in points[mine].astype(float)])
             if mode == "patch":
-                size = round(config.share * (owner == own.object_index[g]).sum())
+                size = round(config.share * (owner == labels.object_index[g]).sum())
                 order = np.argsort(away)[: max(1, size)]
                 expected[mine[order], g] = away[order] <= config.reach
             else:
@@ -64,6 +55,19 @@ def test_matching_equals_brute_force(mode, scenes, grasps, hand):
         assert (table == expected).all()
         found += int(expected.sum())
     assert found > 20
+
+
+def palms(reference: np.ndarray, hit: np.ndarray, object_index: np.ndarray) -> SceneGrasps:
+    """Grasps of which nothing but the palm counts."""
+    count = len(reference)
+    return SceneGrasps(
+        position=reference,
+        rotation=np.tile(np.eye(3), (count, 1, 1)),
+        joints=np.zeros((count, 0)),
+        palm_reference=reference,
+        palm_hit=hit,
+        object_index=object_index,
+    )
 
 
 def _nearest(point, centres):
@@ -79,18 +83,19 @@ def test_a_patch_is_the_points_under_the_palm():
     normals = np.tile([0, 0, 1.0], (400, 1))
     normals[0:400:3] *= -1
     reference, hit = np.array([[0, 0, 0.05]]), np.zeros((1, 3))
-    where = (np.zeros(400), reference, hit, np.zeros(1))
+    seen, palm = ObservedPoints(plate, normals, np.zeros(400)), palms(reference, hit, np.zeros(1))
     away = np.linalg.norm(plate, axis=1)
     up = normals[:, 2] > 0
-    rows = np.flatnonzero(match_grasps(MatchingConfig(), plate, normals, *where)[:, 0])
+    rows = np.flatnonzero(match_grasps(MatchingConfig(), seen, palm)[:, 0])
     assert 0 < len(rows) < 40  # 3 cm end before a tenth of the points is found
     assert set(rows) == set(np.flatnonzero(up & (away <= 0.03)))
-    rows = np.flatnonzero(match_grasps(MatchingConfig(reach=1.0), plate, normals, *where)[:, 0])
+    rows = np.flatnonzero(match_grasps(MatchingConfig(reach=1.0), seen, palm)[:, 0])
     assert len(rows) >= 40  # and those as near as the fortieth
     assert away[rows].max() == pytest.approx(np.sort(away[up])[39])
     assert up[rows].all()
     rim = np.array([[0.02, 0.0, 0.03]])  # nearer to the palm's axis than to where it ends
-    assert match_grasps(MatchingConfig(), rim, normals[1:2], np.zeros(1), *where[1:]).all()
+    one = ObservedPoints(rim, normals[1:2], np.zeros(1))
+    assert match_grasps(MatchingConfig(), one, palm).all()
 
 
 def test_matching_by_hand():
@@ -98,13 +103,14 @@ def test_matching_by_hand():
     point, normal = np.zeros((1, 3)), np.array([[0, 0, 1.0]])
     reference = np.array([[0, 0, 0.06], [0, 0, 0.06], [0, 0, -0.06], [0, 0, 0.06]])
     hit = np.array([[0, 0.004, 0], [0, 0.004, 0], [0, 0.004, 0], [np.nan, np.nan, np.nan]])
-    owner = np.array([0, 1, 0, 0])
+    seen = ObservedPoints(point, normal, np.zeros(1))
+    above = palms(reference, hit, np.array([0, 1, 0, 0]))
     for mode in ("patch", "projected"):
         config = MatchingConfig(mode=mode)
-        table = match_grasps(config, point, normal, np.zeros(1), reference, hit, owner)
+        table = match_grasps(config, seen, above)
         assert table.tolist() == [[True, False, False, False]]
     literal = MatchingConfig(mode="literal")
-    assert not match_grasps(literal, point, normal, np.zeros(1), reference, hit, owner).any()
+    assert not match_grasps(literal, seen, above).any()
 
 
 def test_labels_taken_back_equal_the_stored_grasps(scenes, grasps, hand):

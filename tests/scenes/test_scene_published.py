@@ -174,7 +174,7 @@ def test_an_own_cloud_goes_through_loader_and_network(hand, tmp_path):
     outward = (scene.points - [0, 0, 0.05]) / 0.05
     assert ((scene.normals * outward).sum(1) > 0.9).mean() > 0.95
     dataset = SceneDataset(
-        [scene], {}, [], hand.palm_reference, MatchingConfig(), CameraConfig(), seeds=64
+        [scene], {}, [], hand.palm_reference, MatchingConfig(), CameraConfig(), num_seeds=64
     )
     batch = collate([dataset[0], dataset[0]])
     assert batch.object_index.shape == (2, 0)

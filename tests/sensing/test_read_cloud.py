@@ -112,7 +112,7 @@ FAULTS = {
     "c36.pcd": (pcd("binary") + bytes(36), "holds 3 points, not the 4 it promises"),
     "d.pcd": (pcd("ascii") + b"1 2 3", "holds 1 points, not the 4 it promises"),
     "e.pcd": (pcd("ascii", "x y i") + b"1 2 3\n" * 4, "fields x y i, not the numbers x, y and z"),
-    "f.pcd": (b"junk", "no PCD header.*fields: Field required"),
+    "f.pcd": (b"junk", "not a PCD header.*fields: Field required"),
     "g.pcd": (pcd("ascii", size="4 4") + b"1 2 3", "cannot be read as a cloud"),
     "h.ply": (b"ply\nbroken", r"cannot be read as a cloud \(ply\)"),
     "i.npy": (b"junk", r"cannot be read as a cloud \(npy\)"),

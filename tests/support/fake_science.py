@@ -12,7 +12,7 @@ import pandas as pd
 from dmfc.engine.kinds import StageKind
 from dmfc.errors import DmfcError
 from dmfc.experiment.evaluation import CHECKS
-from dmfc.pipeline.graph import ObjectRef
+from dmfc.pipeline.graph_data import ObjectRef
 from dmfc.pipeline.kinds import KINDS
 from dmfc.pipeline.stages import present, whole
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from dmfc.engine.kinds import StageKind
 from dmfc.errors import DmfcError
-from dmfc.pipeline.graph import ObjectRef
+from dmfc.pipeline.graph_data import ObjectRef
 from dmfc.pipeline.kinds import KINDS
 from dmfc.pipeline.stages import whole
 from tests.support import scene_shapes

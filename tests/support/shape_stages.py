@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 
 from dmfc.engine.kinds import StageKind
-from dmfc.pipeline.graph import ObjectRef
+from dmfc.pipeline.graph_data import ObjectRef
 from dmfc.pipeline.kinds import KINDS
 from dmfc.pipeline.stages import make_scenes
 from tests.support import scene_shapes

@@ -35,7 +35,7 @@ def dataset(scenes, grasps, objects, hand):
             matching,
             CameraConfig(),
             augmentation,
-            seeds=512,
+            num_seeds=512,
             seed=seed,
         )
 

@@ -63,16 +63,17 @@ def test_a_term_of_the_users_own_counts_in_fine_tuning(tmp_path):
     file = tmp_path / "mine.py"
     file.write_text("def high(hands):\n    return hands.position[:, 2].abs()\n")
     predicted, batch = prediction()
-    losses = dataclasses.replace(LOSSES, own={f"{file}:high": 3.0})
+    losses = dataclasses.replace(LOSSES, custom={f"{file}:high": 3.0})
     stage, plain = task(losses=losses, rank_points=20), task(rank_points=20)
     rows = stage.candidates(predicted, batch)
     terms = stage.terms(rows, batch)
-    torch.testing.assert_close(terms["own_high"], rows.position[:, 2].abs())
+    torch.testing.assert_close(terms["custom_high"], rows.position[:, 2].abs())
     more = 3 * rows.position[:, 2].abs()
     torch.testing.assert_close(stage.total(terms), plain.total(plain.terms(rows, batch)) + more)
     torch.testing.assert_close(stage.errors(rows, batch), plain.errors(rows, batch) + more)
     assert task("pretrain", losses).names == ["chamfer"]
-    assert "own_high" not in task(losses=dataclasses.replace(LOSSES, own={f"{file}:high": 0})).names
+    unused = dataclasses.replace(LOSSES, custom={f"{file}:high": 0})
+    assert "custom_high" not in task(losses=unused).names
 
 
 def test_chamfer_of_rows_equals_a_loop_over_labels():

@@ -84,7 +84,7 @@ def test_large_clouds_are_thinned(grasps, hand):
 def evaluation(hand, description_of_scene):
     scene, description = description_of_scene
     return Evaluation(
-        row="planner",
+        source="planner",
         scenes=[scene],
         objects={shape("block").id: shape("block")},
         grasps={shape("block").id: planned("block")},

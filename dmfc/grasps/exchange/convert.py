@@ -14,7 +14,7 @@ from dmfc.grasps.check import check, checking_world
 from dmfc.grasps.exchange.foreign import ForeignGrasps
 from dmfc.grasps.exchange.hand_map import HandMap
 from dmfc.grasps.grasp_set import GraspSet
-from dmfc.grasps.planner import palm_hits
+from dmfc.grasps.palm_hits import palm_hits
 from dmfc.hand.description import HandDescription
 from dmfc.hand.model import HandModel
 from dmfc.objects.model import ObjectModel
@@ -54,7 +54,7 @@ def to_grasp_set(
     skipped = len(joints) - len(allowed)
     foreign, joints = foreign[allowed], joints[allowed]
     deviation = np.abs(joints @ matrix.T - foreign.joints).max(initial=0.0)
-    T_object_palm = foreign.T_object_root @ hand_map.T_root_palm
+    T_object_palm = foreign.T @ hand_map.T_root_palm
     position, rotation = T_object_palm[:, :3, 3], T_object_palm[:, :3, :3]
     reference = position + rotation @ hand.palm_reference
     _require_near(reference, model, foreign.where)
@@ -114,7 +114,7 @@ def _beyond(joints: np.ndarray, hand: HandModel, where: str) -> str:
     )
 
 
-def _require_near(reference: np.ndarray, model: ObjectModel, where: list[str]) -> None:
+def _require_near(reference: np.ndarray, model: ObjectModel, where: np.ndarray) -> None:
     """Raises DmfcError where most palms [n, 3] are out of reach of the object."""
     distance = cKDTree(model.surface_points).query(reference)[0]
     if np.median(distance) > REACH:

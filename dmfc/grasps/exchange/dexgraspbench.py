@@ -53,9 +53,8 @@ def read(paths: Sequence[Path]) -> ForeignGrasps:
         joints.append(root[7:])
         if len(joints[-1]) != len(joints[0]):
             raise DmfcError(f"{path}: {len(joints[-1])} joints, but {len(joints[0])} before")
-    return ForeignGrasps(
-        np.stack(poses), np.stack(joints), [str(path) for path in paths], np.array(scales)
-    )
+    where = [str(path) for path in paths]
+    return ForeignGrasps.of(np.stack(poses), np.stack(joints), where, scales)
 
 
 def in_frame(foreign: ForeignGrasps, model: ObjectModel) -> ForeignGrasps:
@@ -68,9 +67,7 @@ def in_frame(foreign: ForeignGrasps, model: ObjectModel) -> ForeignGrasps:
             f"{half:.4f} m: another object or size (option --object; a mesh in metres takes "
             "?unit=m)"
         )
-    T_object_root = foreign.T_object_root.copy()
-    T_object_root[:, :3, 3] += centre
-    return dataclasses.replace(foreign, T_object_root=T_object_root)
+    return dataclasses.replace(foreign, position=foreign.position + centre)
 
 
 def write(

@@ -39,8 +39,7 @@ def read(paths: Sequence[Path], joint_names: Sequence[str]) -> ForeignGrasps:
         raise DmfcError(f"{paths[0]}: no grasps in it")
     values = np.array(rows)
     rotation = Rotation.from_euler("xyz", values[:, 3:6]).as_matrix()
-    T_object_root = transform(rotation, values[:, :3])
-    return ForeignGrasps(T_object_root, values[:, 6:], where, np.array(scales))
+    return ForeignGrasps.of(transform(rotation, values[:, :3]), values[:, 6:], where, scales)
 
 
 def in_frame(foreign: ForeignGrasps, model: ObjectModel) -> ForeignGrasps:

@@ -1,8 +1,9 @@
-"""What the readers of other projects' files give, and how they read numbers out of them."""
+"""The record of foreign grasps, and how readers take numbers from files of other projects."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,28 +12,39 @@ from scipy.spatial.transform import Rotation
 
 from dmfc.errors import DmfcError
 from dmfc.geometry.transforms import transform
+from dmfc.grasps.grasps import Grasps
 
 
 @dataclass(frozen=True)
-class ForeignGrasps:
-    """n grasps as a file has them, in metres and radians."""
+class ForeignGrasps(Grasps):
+    """n grasps as a file has them: the root of its hand in the frame of its object, its joints."""
 
-    T_object_root: np.ndarray
-    """[n, 4, 4] pose of their hand's root in the frame of their object."""
-    joints: np.ndarray
-    """[n, J] angles, in the order of their hand."""
-    where: list[str]
+    where: np.ndarray
     """[n] file and number of each, for messages."""
-    scales: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    """[n] size of the object that each is for, metres; empty where the format says none."""
+    scales: np.ndarray
+    """[n] size of the object that each is for, metres; NaN where the format has none."""
 
-    def __getitem__(self, rows: np.ndarray) -> ForeignGrasps:
-        return ForeignGrasps(
-            self.T_object_root[rows],
-            self.joints[rows],
-            [self.where[row] for row in rows],
-            self.scales[rows] if len(self.scales) else self.scales,
+    @classmethod
+    def of(
+        cls,
+        T_object_root: np.ndarray,
+        joints: np.ndarray,
+        where: Sequence[str],
+        scales: Sequence[float] | None = None,
+    ) -> ForeignGrasps:
+        """From poses [n, 4, 4] and joints [n, J]; without scales where the format has none."""
+        return cls(
+            position=T_object_root[:, :3, 3],
+            rotation=T_object_root[:, :3, :3],
+            joints=joints,
+            where=np.array(where),
+            scales=np.full(len(joints), np.nan) if scales is None else np.array(scales),
         )
+
+    @property
+    def has_scales(self) -> bool:
+        """Whether the format says for which size of the object a grasp is."""
+        return bool(np.isfinite(self.scales).all())
 
     def of_size(self, wanted: float | None, source: Path) -> ForeignGrasps:
         """Those made for one size of the object.
@@ -41,14 +53,14 @@ class ForeignGrasps:
         """
         sizes = ", ".join(f"{size:g}" for size in np.unique(self.scales)[:8])
         if wanted is None:
-            if len(np.unique(self.scales)) > 1:
+            if self.has_scales and len(np.unique(self.scales)) > 1:
                 raise DmfcError(
                     f"{source}: grasps for several sizes of the object ({sizes}): choose "
                     "one with --scale"
                 )
             return self
-        if not len(self.scales):
-            raise DmfcError(f"{source}: this format says no size of the object (option --scale)")
+        if not self.has_scales:
+            raise DmfcError(f"{source}: this format has no size of the object (option --scale)")
         rows = np.flatnonzero(np.isclose(self.scales, wanted, rtol=1e-3))
         if not len(rows):
             raise DmfcError(f"{source}: no grasp for --scale {wanted:g}; there are {sizes}")

@@ -29,7 +29,7 @@ def read(paths: Sequence[Path]) -> ForeignGrasps:
                 f"{path}: {len(joints)} dofValues, but {paths[0]} has {len(worlds[0][1])}: "
                 "the files are of different hands"
             )
-    return ForeignGrasps(
+    return ForeignGrasps.of(
         np.stack([pose for pose, _ in worlds]),
         np.stack([joints for _, joints in worlds]),
         [str(path) for path in paths],

@@ -1,6 +1,6 @@
 """How the hand of another project maps to ours: its root's frame, and its joints.
 
-Such a map is data, a YAML file of `dmfc/grasps/exchange/data` or of the user's own.
+Such a map is data, a YAML file of `dmfc/grasps/exchange/data` or of the user.
 """
 
 from __future__ import annotations

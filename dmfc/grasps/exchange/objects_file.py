@@ -1,4 +1,4 @@
-"""`.npy` files that hold Python objects, read without running what a stranger may have put there.
+"""`.npy` files that hold Python objects, read without executing code in them.
 
 NumPy stores such an array as a pickle, and a pickle can call anything. Here it can call only what
 rebuilds arrays and numbers.

@@ -1,4 +1,4 @@
-"""The data card of a scene set: what its manifest says, for people, beside a contact sheet."""
+"""The data card of a scene set: its manifest in words, and a contact sheet."""
 
 from __future__ import annotations
 

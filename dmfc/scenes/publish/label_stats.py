@@ -1,4 +1,4 @@
-"""What grasp sets are worth as labels: matched in scenes of one object that are made for it."""
+"""Statistics of grasp sets as labels, matched in scenes of single objects."""
 
 from __future__ import annotations
 

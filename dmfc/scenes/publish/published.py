@@ -55,7 +55,7 @@ class PublishedSet:
         ):
             raise DmfcError(
                 f"{join(place, MANIFEST)} is no scene set of version {VERSION}: "
-                "`dmfc scenes make` or `import` writes it anew"
+                "`dmfc scenes make` or `import` writes it again"
             )
         missing = ENTRIES - set(manifest)
         if missing:
@@ -113,7 +113,7 @@ def publish(
     `hand_pack`: the pack that holds the hand, if one does.
     """
     scenes = SceneSet.open(shards)
-    own = {name: GraspSet.load(path) for name, path in grasps.items()}
+    sets = {name: GraspSet.load(path) for name, path in grasps.items()}
     manifests = scenes.manifests
     shared = {key: manifests[0].get(key) for key in ("set", "scenes", "renderer", "hand")}
     objects: dict[str, str] = {}
@@ -130,7 +130,9 @@ def publish(
         "packs": packs_of(objects, hand_pack),
         "matching": vars(matching),
         "palm_reference": np.asarray(palm_reference).tolist(),
-        "statistics": scene_stats(scenes, own or None, np.asarray(palm_reference), matching, seeds),
+        "statistics": scene_stats(
+            scenes, sets or None, np.asarray(palm_reference), matching, seeds
+        ),
         "bytes": sum(shard["bytes"] for shard in listed),
         "shards": listed,
         "grasps": {name: _grasp_file(place, name, grasps[name], copy) for name in used},

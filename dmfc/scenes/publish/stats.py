@@ -1,4 +1,4 @@
-"""What a scene set holds: counts, how many labels match, and why labels were dropped."""
+"""Statistics of a scene set: counts, matched labels, and reasons for dropped labels."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from dmfc.config.scenes import MatchingConfig
 from dmfc.geometry.points import farthest_points
 from dmfc.grasps.grasp_set import GraspSet
 from dmfc.scenes.labels import REASONS
-from dmfc.scenes.matching import match_grasps
+from dmfc.scenes.matching import ObservedPoints, match_grasps
 from dmfc.scenes.scene_grasps import grasps_in_scene
 from dmfc.scenes.scene_set import Scene
 
@@ -93,27 +93,19 @@ def _rates(
     total = Counter[str]()
     for scene in scenes:
         labels = (scene.grasp_object, scene.grasp_index)
-        own = grasps_in_scene(
+        in_world = grasps_in_scene(
             scene.object_ids, scene.T_world_object, *labels, grasps, palm_reference
         )
         everything = np.arange(len(scene.points))
         chosen = farthest_points(scene.points, min(seeds, len(scene.points)))
-        total += Counter(points=len(everything), seeds=len(chosen), grasps=len(own.position))
+        total += Counter(points=len(everything), seeds=len(chosen), grasps=len(in_world))
         for mode in MODES:
             by_mode = dataclasses.replace(matching, mode=mode)
             for rows, of_points, of_grasps in (
                 (everything, "points", "grasps"),
                 (chosen, "seeds", "grasps_of_seeds"),
             ):
-                matched = match_grasps(
-                    by_mode,
-                    scene.points[rows],
-                    scene.normals[rows],
-                    scene.point_object[rows],
-                    own.palm_reference,
-                    own.palm_hit,
-                    own.object_index,
-                )
+                matched = match_grasps(by_mode, ObservedPoints.of(scene, rows), in_world)
                 counts[mode][of_points] += int(matched.any(1).sum())
                 counts[mode][of_grasps] += int(matched.any(0).sum())
     return {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from dmfc.config.custom_function import own_function
+from dmfc.config.custom_function import custom_function
 from dmfc.errors import DmfcError
 
 
@@ -12,13 +12,13 @@ def test_a_function_is_found_without_running_its_file_and_loaded_as_the_file_is(
     file, ran = tmp_path / "mine.py", tmp_path / "ran"
     text = f"open({str(ran)!r}, 'a').write('x')\n\ndef two():\n    return 2\n"
     file.write_text(text)
-    found = own_function(f"{file}:two", "losses.own")
+    found = custom_function(f"{file}:two", "losses.custom")
     assert not ran.exists()
     assert found.load()() == 2
     assert found.load()() == 2
     assert ran.read_text() == "x"
     file.write_text(text.replace("return 2", "return 3"))
-    changed = own_function(f"{file}:two", "losses.own")
+    changed = custom_function(f"{file}:two", "losses.custom")
     assert changed.digest != found.digest
     assert changed.load()() == 3
 
@@ -26,7 +26,7 @@ def test_a_function_is_found_without_running_its_file_and_loaded_as_the_file_is(
 def test_a_relative_path_starts_where_the_command_is_called(tmp_path, monkeypatch):
     (tmp_path / "mine.py").write_text("def two():\n    return 2\n")
     monkeypatch.chdir(tmp_path)
-    assert own_function("mine.py:two", "x").file == tmp_path / "mine.py"
+    assert custom_function("mine.py:two", "x").file == tmp_path / "mine.py"
 
 
 @pytest.mark.parametrize(
@@ -45,6 +45,6 @@ def test_what_is_wrong_is_one_line(tmp_path, monkeypatch, text, content, message
     (tmp_path / "mine.py").write_text(content)
     monkeypatch.chdir(tmp_path)
     with pytest.raises(DmfcError, match=message) as raised:
-        own_function(text, "losses.own").load()
+        custom_function(text, "losses.custom").load()
     assert "\n" not in str(raised.value)
-    assert str(raised.value).startswith("losses.own: ") or "cannot be run" in str(raised.value)
+    assert str(raised.value).startswith("losses.custom: ") or "cannot be run" in str(raised.value)
