@@ -7,6 +7,7 @@ import hashlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dmfc.config.custom_function import custom_class, is_custom
 from dmfc.config.protocol import executed
 from dmfc.config.scenes import SceneSetConfig
 from dmfc.config.schema import Config
@@ -117,6 +118,8 @@ def _shard(
         "start": numbers.start,
         "stop": numbers.stop,
     }
+    if is_custom(under.execution.test):
+        settings["custom_test"] = custom_class(under.execution.test, "execution.test").digest
     inputs: Inputs = {"hand": builder.hand(config), "objects": objects}
     if labels:
         settings["labels"] = of_every_scene(config)
@@ -152,6 +155,11 @@ def outcome(builder: GraphBuilder, config: Config, proposer: Stage | Path) -> St
     if config.outcome.form == "head":
         if isinstance(proposer, Path):
             settings["weights"], hints = file_digest(proposer / WEIGHTS), {"weights": str(proposer)}
+        elif is_custom(config.network.backbone):
+            raise DmfcError(
+                "outcome.form=head keeps no copy of a backbone of your own (network.backbone): "
+                "take outcome.form=features"
+            )
         else:
             inputs = {**inputs, "model": proposer}
     return builder.stage("outcome", f"seed {config.training.seed}", settings, inputs, hints)

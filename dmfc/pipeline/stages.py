@@ -28,7 +28,14 @@ from dmfc.pipeline.artifacts import (
     load_object,
     load_scenes,
 )
-from dmfc.pipeline.here import require_same, source_here, with_packs
+from dmfc.pipeline.here import (
+    check_custom_backbone,
+    check_custom_losses,
+    check_custom_test,
+    require_same,
+    source_here,
+    with_packs,
+)
 
 if TYPE_CHECKING:
     from dmfc.config.closing import ClosingConfig
@@ -175,6 +182,7 @@ def evaluation_of(
         assert isinstance(folders, list)
         return whole(folders)
 
+    check_custom_test(config)
     source = config["row"]
     hand = load_hand(one("hand"), config["closing"])
     network = load_model(config, inputs, hints, hand) if source == "model" else None
@@ -261,6 +269,7 @@ def _train(ctx: StageContext, stage: Literal["pretrain", "finetune"], weights: P
 
     training = ctx.config["training"]
     check_custom_losses(ctx.config.get("own_losses", {}))
+    check_custom_backbone(ctx.config.get("custom_backbone", {}))
     hand, atlas = training_geometry(ctx.inputs, ctx.config.get("closing"))
     grasps = load_grasp_sets(present(ctx.input_list("grasps")))
     if not any(len(found) for found in grasps.values()):
@@ -289,15 +298,6 @@ def _train(ctx: StageContext, stage: Literal["pretrain", "finetune"], weights: P
     digest = data_digest(ctx.inputs)
     probe = data.probe(training.diagnostic_scenes) if training.diagnostic_scenes else None
     fit(stage, config, hand, data, atlas, ctx.out, ctx.work, weights, digest, probe, ctx.progress)
-
-
-def check_custom_losses(digests: Mapping[str, str]) -> None:
-    """Raises MachineError where the file of a user's loss is not that of the stage's key."""
-    from dmfc.config.custom_function import custom_function
-
-    for text, digest in digests.items():
-        found = custom_function(text, "losses.custom").digest
-        require_same(f"losses.custom: the file of '{text}'", found, digest)
 
 
 def training_geometry(

@@ -21,7 +21,8 @@ executed as it is: a shipped one's name, or a folder; or a method: a shipped one
 `file.py:function`. `matrix` (see `dmfc.sweep.matrix`) adds combinations to the cells or stands in
 their place; `kind: search` with a `search` (see `dmfc.sweep.search`) adds trials as they are
 suggested.
-`table` says which rates are shown and with which cell the others are compared.
+`table` says which rates are shown, with which cell the others are compared, and over which settings
+a figure shows the overall rate (`over`).
 """
 
 from __future__ import annotations
@@ -34,12 +35,14 @@ from pathlib import Path
 from typing import Any
 
 from dmfc.config.load import (
+    all_keys,
     build_config,
     checked,
     parse_override,
 )
 from dmfc.config.plain_yaml import read_yaml
 from dmfc.config.presets import Presets, preset_layers, preset_names
+from dmfc.config.ranges import all_types
 from dmfc.config.schema import Config
 from dmfc.config.setting import GREATEST_SEED
 from dmfc.config.shipped import check_renamed, shipped_file
@@ -90,6 +93,8 @@ class Sweep:
     """The cell with which others are compared."""
     show: tuple[str, ...] = RATES
     """Rates that the table shows."""
+    over: tuple[str, ...] = ()
+    """Settings over which a figure shows the overall rate."""
     search: Search | None = None
 
 
@@ -111,7 +116,7 @@ def load_sweep(name: str) -> Sweep:
     if search and (BEST in taken or any(name.startswith("trial-") for name in taken)):
         raise DmfcError(f"{path}: 'best' and 'trial-...' are the cells that a search adds")
     table = mapping(values.get("table") or {}, f"{path}: table")
-    only_keys(table, ("baseline", "show"), f"{path}: table")
+    only_keys(table, ("baseline", "show", "over"), f"{path}: table")
     names = [cell.name for cell in cells]
     baseline = str(table.get("baseline", names[0]))
     if baseline not in names:
@@ -130,6 +135,7 @@ def load_sweep(name: str) -> Sweep:
         cells=(*cells, *rows),
         baseline=baseline,
         show=_shown(table.get("show"), f"{path}: table"),
+        over=_over(table.get("over"), f"{path}: table"),
         search=search,
     )
 
@@ -246,6 +252,17 @@ def _shown(given: Any, where: str) -> tuple[str, ...]:
     if len(set(given)) < len(given):
         raise DmfcError(f"{where}: show names a rate twice: {given}")
     return tuple(given)
+
+
+def _over(given: Any, where: str) -> tuple[str, ...]:
+    """Dotted keys of settings that are numbers."""
+    if not isinstance(given or [], list):
+        raise DmfcError(f"{where}: over wants a list of settings, not {shortened(given)}")
+    for key in given or []:
+        if all_keys().get(key, dict) is not None or all_types()[key] not in (int, float):
+            numbers = [name for name, kind in all_types().items() if kind in (int, float)]
+            raise DmfcError(f"{where}: over: {unknown_name('number', str(key), numbers)}")
+    return tuple(given or ())
 
 
 def _presets(given: Any, where: str) -> dict[str, Mapping[str, Any]]:
