@@ -33,14 +33,14 @@ KINDS: Registry = registry(
     StageKind("scenes", "dmfc.pipeline.stages:make_scenes", version=2, identity=("start",)),
     StageKind(
         "pretrain",
-        "dmfc.pipeline.stages:pretrain",
+        "dmfc.pipeline.stages_training:pretrain",
         version=4,
         cpus=_training_cpus,
         gpus=_training_gpus,
     ),
     StageKind(
         "finetune",
-        "dmfc.pipeline.stages:finetune",
+        "dmfc.pipeline.stages_training:finetune",
         version=4,
         cpus=_training_cpus,
         gpus=_training_gpus,

@@ -12,7 +12,7 @@ from dmfc.files.digest import file_digest
 from dmfc.grasps.library import library_file
 from dmfc.pipeline.graph import GraphBuilder, without
 from dmfc.pipeline.graph_data import ObjectRef
-from dmfc.pipeline.stages import check_custom_losses
+from dmfc.pipeline.stages_training import check_custom_losses
 from dmfc.prediction.models import model_folder
 from dmfc.sweep.planner import plan_sweep
 from dmfc.sweep.sweep_file import load_sweep
