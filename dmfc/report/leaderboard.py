@@ -193,5 +193,6 @@ _INTRODUCTION = (
     "trials; valid: planned of all; success: held of the planned. Brackets are 95 % intervals "
     "for new scenes of the same objects. A scene without an answer counts as failed. Rows called "
     "'reported' are figures of a publication, on scenes and in a simulator of its own. Made by "
-    "`dmfc benchmark leaderboard` from the files beside this page; how to add one: docs/leaderboard.md."
+    "`dmfc benchmark leaderboard` from the files beside this page; how to add one: "
+    "docs/leaderboard.md."
 )
