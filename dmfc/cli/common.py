@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -39,6 +39,13 @@ Store = Annotated[
         envvar="DMFC_STORE",
         help="Folder of finished stages and results.",
         callback=folder_to_read(),
+    ),
+]
+OverOption = Annotated[
+    Literal["scenes", "objects"],
+    typer.Option(
+        "--over",
+        help="What the intervals hold for: new scenes of the same objects, or new objects.",
     ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Answer with JSON on standard output.")]

@@ -8,17 +8,21 @@ from typing import Annotated
 import typer
 
 from dmfc.cli import complete
-from dmfc.cli.common import PRESET, STORE, AsJson, Overrides, Preset, Store
+from dmfc.cli.common import PRESET, STORE, AsJson, OverOption, Overrides, Preset, Store
 from dmfc.cli.outputs import file_to_write, folder_to_write
 from dmfc.errors import DmfcError
 from dmfc.experiment.console import answer, show_rows
 from dmfc.experiment.evaluation import (
     Evaluation,
+    cells_of,
     evaluated,
     read_evaluation,
     read_trials,
     scene_settings,
 )
+
+MATRIX = ("cell", "overall_a", "overall_b", "difference", "low", "high", "p", "p_holm")
+"""Of each comparison, where there are several."""
 
 
 def evaluate(
@@ -111,22 +115,39 @@ def evaluate(
 
 def compare(
     first: Annotated[
-        str, typer.Argument(help="Trial rows: a .parquet file or its folder, with :CELL if needed.")
+        str,
+        typer.Argument(
+            help="Trial rows: a .parquet file or its folder, with :CELL for one cell; else each "
+            "cell is compared, and p corrected for their number."
+        ),
     ],
     second: Annotated[
-        str, typer.Argument(help="The trial rows to compare with, in the same form.")
+        str, typer.Argument(help="What it is compared with: the same, but of one cell.")
     ],
     as_json: AsJson = False,
+    over: OverOption = "scenes",
 ) -> None:
-    """Compare two evaluations of the same scenes in pairs."""
+    """Compare evaluations of the same scenes in pairs."""
     from dmfc.report.paired import compare as compare_rows
+    from dmfc.report.paired import together
 
-    found = compare_rows(read_trials(first), read_trials(second)).row()
+    base = read_trials(second)
+    cells = cells_of(read_trials(first), base)
+    found = together([compare_rows(rows, base, over) for rows in cells.values()])
     if as_json:
-        answer(found)
+        answer(
+            found[0].row()
+            if len(found) == 1
+            else dict(zip(cells, (x.row() for x in found), strict=True))
+        )
         return
-    rows = [{"quantity": name, "value": value} for name, value in found.items()]
-    show_rows(f"a: {first}, b: {second}", rows, as_json=False)
+    if len(found) == 1:
+        rows = [{"quantity": name, "value": value} for name, value in found[0].row().items()]
+        show_rows(f"a: {first}, b: {second}", rows, as_json=False)
+        return
+    rows = [{"cell": name, **one.row()} for name, one in zip(cells, found, strict=True)]
+    shown = [{key: row[key] for key in MATRIX} for row in rows]
+    show_rows(f"a: each cell of {first}, b: {second}", shown, as_json=False)
 
 
 def report(found: Evaluation, out: Path | None, as_json: bool) -> None:

@@ -21,6 +21,7 @@ from dmfc.cli import (
     scenes,
     store,
     sweep,
+    tables,
     tracking,
     train,
     view,
@@ -56,7 +57,8 @@ app.command()(view.view)
 app.add_typer(predict.models_app, name="models")
 app.add_typer(outcome.outcome_app, name="outcome")
 app.add_typer(sweep.sweep_app, name="sweep")
-app.command()(sweep.tables)
+app.command()(tables.tables)
+app.command()(tables.agree)
 app.command()(tracking.ui)
 app.add_typer(tracking.tracking_app, name="tracking")
 app.add_typer(store.store_app, name="store")

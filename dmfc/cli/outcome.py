@@ -46,6 +46,43 @@ def outcome_train(
     typer.echo(f"predictor: {folder}")
 
 
+@outcome_app.command("test")
+def outcome_test(
+    model: Model,
+    predictor: Annotated[
+        Path | None,
+        typer.Option(
+            "--predictor",
+            help="Folder of the predictor that is asked.",
+            show_default="the one of the model",
+        ),
+    ] = None,
+    picture: Annotated[
+        Path | None, typer.Option("--picture", help="Write the reliability diagram as a PNG.")
+    ] = None,
+    preset: Preset = PRESET,
+    overrides: Overrides = None,
+    store: Store = STORE,
+    as_json: AsJson = False,
+) -> None:
+    """Execute a model's predictions in scenes of outcome.objects, and ask a predictor about them.
+
+    The objects are to be others than those that the predictor learned from.
+    """
+    from dmfc.experiment.outcome import judged_on
+    from dmfc.prediction.models import model_folder
+
+    session, stage = _opened(model, preset, overrides, store)
+    rows = judged_on(session, stage, predictor or model_folder(model))
+    if picture is not None:
+        from dmfc.visualization.reliability import draw_reliability
+
+        draw_reliability(rows, picture)
+    if not as_json:
+        rows = [{name: v for name, v in row.items() if name != "reliability"} for row in rows]
+    show_rows("what the predictor said, and what became of it", rows, as_json=as_json)
+
+
 @outcome_app.command("export")
 def outcome_export(
     model: Model,

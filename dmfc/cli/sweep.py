@@ -1,4 +1,4 @@
-"""The commands `dmfc sweep` and `dmfc tables`."""
+"""The commands `dmfc sweep` and `dmfc sweep status`."""
 
 from __future__ import annotations
 
@@ -14,13 +14,7 @@ from dmfc.cli import complete
 from dmfc.cli.common import PRESET, STORE, AsJson, Overrides, Preset, Store
 from dmfc.cli.dry_run import show_plans
 from dmfc.experiment.console import answer
-from dmfc.experiment.drive import (
-    drive,
-    explained_disk_errors,
-    page_writer,
-    show_status,
-    write_tables,
-)
+from dmfc.experiment.drive import drive, explained_disk_errors, show_status
 from dmfc.experiment.session import Session, resumable
 
 
@@ -138,37 +132,3 @@ def status(
         return
     for one in states:
         show_status(one)
-
-
-def tables(
-    sweep_ids: Annotated[
-        list[str] | None,
-        typer.Argument(
-            help="Ids of sweeps, or their names (the latest of each); default: all names."
-        ),
-    ] = None,
-    store: Store = STORE,
-    as_json: AsJson = False,
-) -> None:
-    """Make the tables again from trial rows alone, without running anything."""
-    from dmfc.engine.ledger import Ledger
-    from dmfc.engine.state import read_state
-    from dmfc.report.collect import read_sweep, resolve_sweeps
-
-    ledger = Ledger(store)
-    wanted = resolve_sweeps(ledger, sweep_ids)
-    results = []
-    for name in wanted:
-        failures = read_state(ledger.store / "sweeps" / name).failures
-        described = read_sweep(ledger, name)
-        results.append(write_tables(ledger, described, failures, as_json, read_only=True))
-        try:
-            page = page_writer(ledger, described, results[-1])()
-        except OSError:
-            continue  # the table has said so
-        if not as_json:
-            typer.echo(f"page: {page}")
-    if as_json:
-        from dmfc.report.formats import to_json
-
-        answer([to_json(table) for table in results])

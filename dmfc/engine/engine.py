@@ -11,6 +11,7 @@ from typing import Protocol
 from dmfc.config.schema import Config
 from dmfc.config.sweep import StageLimits
 from dmfc.engine.context import read_attempt
+from dmfc.engine.effort import ranks
 from dmfc.engine.kinds import Registry, kind_of
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.lookout import Lookout
@@ -134,7 +135,7 @@ class _Drive:
         for address, parents in self.waiting_for.items():
             for parent in parents:
                 self.users[parent].append(address)
-        self.rank = _ranks(needed, self.users)
+        self.rank = ranks(needed, self.users)
         self.ready = [self._entry(a) for a, parents in self.waiting_for.items() if not parents]
         heapq.heapify(self.ready)
         self.running: dict[str, Job] = {}
@@ -269,11 +270,3 @@ class _Drive:
             sign=self.sign,
         )
         return self.retries.placed(job)
-
-
-def _ranks(needed: dict[str, Stage], users: dict[str, list[str]]) -> dict[str, tuple[int, int]]:
-    """What the longest chain of users hangs on comes first; ties keep the order of the graph."""
-    height: dict[str, int] = {}
-    for address in reversed(list(needed)):
-        height[address] = 1 + max((height[user] for user in users[address]), default=0)
-    return {address: (-height[address], place) for place, address in enumerate(needed)}

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from dmfc.config.schema import Config
 from dmfc.config.sweep import StageLimits
@@ -17,6 +18,26 @@ def _one_cpu(config: Config) -> int:
 
 def _no_gpu(config: Config) -> float:
     return 0.0
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much work a stage is."""
+
+    units: float = 1.0
+    """Each takes about the same time."""
+    like: str = ""
+    """Stages of a kind that say the same here have units of the same time."""
+    guess: float = 1.0
+    """Seconds of a unit where none was measured."""
+
+
+Measure = Callable[[Mapping[str, Any], Sequence[Mapping[str, Any]]], Effort]
+"""Effort of a stage from its settings, and from those of the input that its work follows from."""
+
+
+def _one_unit(config: Mapping[str, Any], sizes: Sequence[Mapping[str, Any]]) -> Effort:
+    return Effort()
 
 
 @dataclass(frozen=True)
@@ -36,6 +57,9 @@ class StageKind:
     may_fail: bool = False
     identity: tuple[str, ...] = ()
     """Settings that make two stages of this kind two things, not one thing at two settings."""
+    effort: Measure = _one_unit
+    sized_by: str = ""
+    """The input that the work of a stage follows from; empty: from its own settings alone."""
 
     def limits(self, config: Config) -> StageLimits:
         """The settings `run.<kind>`, with what the kind itself wants where they say nothing."""

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from rich.console import Console, RenderableType
@@ -12,46 +13,31 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from dmfc.engine.context import read_progress
+from dmfc.engine.context import read_attempt, read_progress
+from dmfc.engine.effort import Times, cost
 from dmfc.engine.kinds import Registry
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.stage import Stage
 from dmfc.engine.worker import Job, Outcome
 
-HISTORY = 50
-"""Finished stages of a kind whose times are averaged for the time left."""
+FRESH_SECONDS = 2.0
+"""Time for which an estimate of the time left is shown before it is made again."""
+TOLD = 0.05
+"""Progress from which on the pace of a running stage says how long it still takes."""
 
 
 @dataclass
 class Tally:
-    """Counts and times of the stages to run, by kind, and the time left that follows from them."""
+    """Counts of the stages to run, by kind."""
 
     total: Counter[str] = field(default_factory=Counter)
     ended: Counter[str] = field(default_factory=Counter)
     failed: Counter[str] = field(default_factory=Counter)
-    seconds: dict[str, list[float]] = field(default_factory=dict)
 
     def add(self, stage: Stage, outcome: Outcome) -> None:
         """Count one stage that came to its end."""
         self.ended[stage.kind] += 1
         self.failed[stage.kind] += outcome.status in ("failed", "blocked")
-        if outcome.status == "ran":
-            self.seconds.setdefault(stage.kind, []).append(outcome.seconds)
-
-    def mean_seconds(self, kind: str) -> float | None:
-        """Mean time of the latest stages of a kind; None if none is known."""
-        times = self.seconds.get(kind, [])[-HISTORY:]
-        return sum(times) / len(times) if times else None
-
-    def seconds_left(self, cpus: int) -> tuple[float, bool]:
-        """Time left on so many CPUs, and whether every kind's time is known."""
-        left, known = 0.0, True
-        for kind, total in self.total.items():
-            remaining = total - self.ended[kind]
-            mean = self.mean_seconds(kind)
-            known = known and (mean is not None or not remaining)
-            left += remaining * (mean or 0.0)
-        return left / max(1, cpus), known
 
 
 class Progress:
@@ -59,7 +45,11 @@ class Progress:
 
     def __init__(self, ledger: Ledger, console: Console, kinds: Registry) -> None:
         self._ledger, self._console, self._kinds = ledger, console, kinds
-        self._tally = Tally()
+        self._tally, self._times = Tally(), Times(ledger, kinds)
+        self._open: dict[str, Stage] = {}
+        self._left = ""
+        self._cpu_left: Mapping[str, float] = {}
+        self._looked = -math.inf
         self._live: Live | None = None
         self._cpus = 1
         self._running: Sequence[Job] = ()
@@ -69,13 +59,12 @@ class Progress:
         self._cpus, self._started = cpus, time.monotonic()
         for stage in stages:
             self._tally.total[stage.kind] += 1
-        for kind in self._tally.total:
-            times = [float(record["seconds"]) for record in self._ledger.records(kind)]
-            if times:
-                self._tally.seconds[kind] = times[-HISTORY:]
+        self._open = {stage.address: stage for stage in stages}
+        self._times.learn(self._tally.total)
         counts = ", ".join(f"{n} {kind}" for kind, n in self._tally.total.items())
         self._console.print(
-            f"{sum(self._tally.total.values())} stages to run: {counts}", soft_wrap=True
+            f"{sum(self._tally.total.values())} stages to run: {counts}; {self._time_left()}",
+            soft_wrap=True,
         )
         if self._console.is_terminal:
             self._live = Live(console=self._console, refresh_per_second=4, transient=True)
@@ -83,6 +72,9 @@ class Progress:
 
     def finished(self, stage: Stage, outcome: Outcome) -> None:
         self._tally.add(stage, outcome)
+        self._open.pop(stage.address, None)
+        if outcome.status == "ran":
+            self._times.add(stage, outcome.seconds)
         bad = not outcome.ok
         if self._live is None or bad:
             done, total = sum(self._tally.ended.values()), sum(self._tally.total.values())
@@ -109,23 +101,41 @@ class Progress:
         self._console.print(f"{sum(self._tally.ended.values())} stages in {took}{tail}")
 
     def _time_left(self) -> str:
-        seconds, known = self._tally.seconds_left(self._cpus)
-        return f"{'about' if known else 'more than'} {duration(seconds)} left"
+        """'about 3 min 05 s left', and which kinds that is guessed of."""
+        if time.monotonic() - self._looked > FRESH_SECONDS:
+            found = cost(list(self._open.values()), self._times, self._cpus, self._begun())
+            self._cpu_left = found.by_kind
+            guess = f", by a guess of {', '.join(found.guessed)}" if found.guessed else ""
+            self._left = f"about {duration(found.wall)} left{guess}"
+            self._looked = time.monotonic()
+        return self._left
+
+    def _begun(self) -> dict[str, float]:
+        """Seconds that each running stage still takes, by address."""
+        left = {}
+        for job in self._running:
+            work = self._ledger.work(job.address)
+            told, stage = read_attempt(work), self._open.get(job.address)
+            if not told or stage is None:  # it waits for a CPU, or has just ended
+                continue
+            spent, (fraction, _) = time.time() - told["started"], read_progress(work)
+            rest = self._times.estimate(stage).seconds - spent
+            left[job.address] = spent * (1 / fraction - 1) if fraction >= TOLD else max(0.0, rest)
+        return left
 
     def _shown(self) -> RenderableType:
         return self._table()
 
     def _table(self) -> Table:
         table = Table(title=self._time_left(), title_justify="left", expand=False)
-        for column in ("stage", "done", "failed", "each", "now"):
+        for column in ("stage", "done", "failed", "CPU time left", "now"):
             table.add_column(column)
         for kind in self._tally.total:
-            mean = self._tally.mean_seconds(kind)
             table.add_row(
                 kind,
                 f"{self._tally.ended[kind]}/{self._tally.total[kind]}",
                 str(self._tally.failed[kind] or ""),
-                f"{mean:.1f} s" if mean is not None else "",
+                duration(self._cpu_left[kind]) if kind in self._cpu_left else "",
                 self._now(kind),
             )
         return table

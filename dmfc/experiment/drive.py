@@ -17,6 +17,7 @@ from dmfc.experiment.session import run_shown
 if TYPE_CHECKING:
     from dmfc.engine.engine import Outcomes
     from dmfc.engine.ledger import Ledger
+    from dmfc.report.rates import Over
     from dmfc.report.table import SweepTable
     from dmfc.sweep.plan import SweepPlan
     from dmfc.sweep.record import SearchRecord, SweepRecord
@@ -157,10 +158,12 @@ def write_tables(
     failures: Mapping[str, str],
     as_json: bool,
     read_only: bool = False,
+    over: Over = "scenes",
 ) -> SweepTable:
     """Make, write and (unless a machine asks) print the table of one sweep.
 
-    `read_only`: where the store cannot be written, say so and go on.
+    `read_only`: where the store cannot be written, say so and go on. `over`: what the intervals
+    hold for that are printed.
     """
     from dmfc.report.collect import collect, table_from, write_table
     from dmfc.report.left_out import left_out
@@ -177,20 +180,16 @@ def write_tables(
             raise
         stderr().print(f"not written: {error}", markup=False, soft_wrap=True)
     if not as_json:
-        _print_table(table, paths)
+        print_table(table, paths, over)
     return table
 
 
 def page_writer(ledger: Ledger, description: SweepRecord, table: SweepTable) -> Callable[[], Path]:
     """Draw the figures of a sweep's page; gives what writes the page as things then stand."""
-    from dmfc.engine.state import read_state
-    from dmfc.report.collect import collect
     from dmfc.report.page import draw_figures, write_page
 
-    failures = read_state(ledger.store / "sweeps" / table.id).failures
-    cells = collect(ledger, description, failures)
     figures = draw_figures(ledger, description, table)
-    return lambda: write_page(ledger, description, table, cells, figures)
+    return lambda: write_page(ledger, description, table, figures)
 
 
 def show_status(status: Mapping[str, Any]) -> None:
@@ -261,7 +260,8 @@ def _track(plan: SweepPlan, ledger: Ledger) -> dict[str, str]:
     }
 
 
-def _print_table(table: SweepTable, paths: Sequence[Path]) -> None:
+def print_table(table: SweepTable, paths: Sequence[Path], over: Over = "scenes") -> None:
+    """Print a table, what it is made without, and the files that have it."""
     from rich.console import Console
 
     from dmfc.report.formats import to_rich
@@ -271,7 +271,7 @@ def _print_table(table: SweepTable, paths: Sequence[Path]) -> None:
     console = Console(highlight=False)
     if not console.is_terminal:  # a log or a pipe has no width to fit
         console.width = 140
-    console.print(to_rich(table))
+    console.print(to_rich(table, over))
     console.print(left_out_line(table.left_out, SHOWN), markup=False, soft_wrap=True)
     if table.trials:
         console.print(trials_to_rich(table.trials))

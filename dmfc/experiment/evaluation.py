@@ -192,6 +192,15 @@ def read_trials(text: str) -> pd.DataFrame:
     return rows[rows["cell"] == cell]
 
 
+def cells_of(rows: pd.DataFrame, base: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    """The rows of each cell but the base; all rows where they name no cell."""
+    if "cell" not in rows:
+        return {"": rows}
+    parts = {str(name): part for name, part in rows.groupby("cell", sort=False)}
+    others = {name: part for name, part in parts.items() if not part.equals(base)}
+    return others if len(parts) > 1 else parts
+
+
 @dataclass(frozen=True)
 class _Source:
     """Where the grasps of an evaluation come from; all empty for a known name."""

@@ -80,11 +80,14 @@ class Judge:
         """Name of the hand whose grasps it knows."""
         return self.features.hand.name
 
-    @torch.inference_mode()
     def __call__(self, grasps: SeededGrasps, points: np.ndarray) -> Verdict:
         """Of grasps among points [N, 3] seen on objects on the table z = 0."""
-        made = torch.from_numpy(self.features(grasps, points))
-        said = self.net(made).double().numpy()
+        return self.of_features(self.features(grasps, points))
+
+    @torch.inference_mode()
+    def of_features(self, features: np.ndarray) -> Verdict:
+        """Of grasps of which these features [n, F] were measured."""
+        said = self.net(torch.from_numpy(features)).double().numpy()
         return Verdict(said[:, 0], said[:, 1])
 
 

@@ -49,3 +49,26 @@ def report(planned: np.ndarray, held_if_planned: np.ndarray, trials: Trials) -> 
         calibration_error=found.error,
         reliability=found,
     )
+
+
+def object_intervals(
+    planned: np.ndarray, held_if_planned: np.ndarray, trials: Trials, draws: int = 400
+) -> dict[str, tuple[float, float]]:
+    """95 % intervals of `held_auc_within` and `calibration_error`, by bootstrap over objects."""
+    clear = trials.clear
+    score, held, scene = (planned * held_if_planned)[clear], trials.held[clear], trials.scene[clear]
+    _, which = np.unique(trials.object[clear].astype(str), return_inverse=True)
+    rows = [np.flatnonzero(which == k) for k in range(which.max() + 1)]
+    generator = np.random.default_rng(0)
+    found = []
+    for _ in range(draws):
+        drawn = generator.integers(len(rows), size=len(rows))
+        some = np.concatenate([rows[k] for k in drawn])
+        # An object that is drawn twice has scenes of its own each time.
+        turn = np.repeat(np.arange(len(rows)), [len(rows[k]) for k in drawn])
+        scenes = np.unique(np.stack([turn, scene[some]]), axis=1, return_inverse=True)[1].ravel()
+        within = auc_within(score[some], held[some], scenes)
+        found.append((within, reliability(score[some], held[some]).error))
+    low, high = np.nanquantile(found, [0.025, 0.975], axis=0)
+    names = "held_auc_within", "calibration_error"
+    return {name: (float(low[k]), float(high[k])) for k, name in enumerate(names)}

@@ -99,7 +99,7 @@ class Board(Progress):
                 line.label,
                 "failed" if line.failed else now,
                 f"{len(line.done)}/{len(line.stages)}",
-                self._left(line),
+                self._cell_left(line),
                 f"{rate.value:.2f} of {rate.trials}" if rate.value is not None else "",
             )
         if len(ordered) > LINES:
@@ -113,14 +113,9 @@ class Board(Progress):
                 return f"{jobs[address].kind} {fraction:.0%} {message}".rstrip()
         return "done" if len(line.done) == len(line.stages) else "waits"
 
-    def _left(self, line: _Line) -> str:
-        """Time that the cell's own stages still take on one CPU; unknown before the first."""
-        times = [
-            self._tally.mean_seconds(address.partition("/")[0])
-            for address in line.stages
-            if address not in line.done
-        ]
-        known = [seconds for seconds in times if seconds is not None]
-        if not times or line.failed:
+    def _cell_left(self, line: _Line) -> str:
+        """Time that the cell's own stages still take on one CPU."""
+        open_stages = [self._open[address] for address in line.stages if address in self._open]
+        if not open_stages or line.failed:
             return ""
-        return duration(sum(known)) if len(known) == len(times) else "?"
+        return duration(sum(self._times.estimate(stage).seconds for stage in open_stages))

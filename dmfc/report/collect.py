@@ -13,8 +13,9 @@ from dmfc.errors import DmfcError, unknown_name
 from dmfc.files.atomic import write_json, write_text, written_whole
 from dmfc.files.sealed import DamagedError
 from dmfc.pipeline.artifacts import TRIALS, load_trials
-from dmfc.report.formats import to_csv, to_json, to_latex, to_markdown
+from dmfc.report.formats import to_json
 from dmfc.report.left_out import left_out
+from dmfc.report.markdown import texts
 from dmfc.report.outputs import note_outputs
 from dmfc.report.rates import concatenate
 from dmfc.report.table import CellRows, SweepTable, make_table
@@ -95,6 +96,7 @@ def table_from(
         title=sweep.title,
         preset=sweep.preset or "defaults",
         show=sweep.show,
+        baseline=sweep.baseline,
         trials=trials,
     )
 
@@ -103,8 +105,7 @@ def write_table(ledger: Ledger, table: SweepTable, rows: list[CellRows]) -> list
     """Write table.md, .csv, .tex, .json and all trial rows into the sweep's folder."""
     folder = ledger.store / "sweeps" / table.id
     folder.mkdir(parents=True, exist_ok=True)
-    texts = {"md": to_markdown(table), "csv": to_csv(table), "tex": to_latex(table)}
-    names = {f"table.{suffix}": text for suffix, text in texts.items()}
+    names = {f"table.{suffix}": text for suffix, text in texts(table).items()}
     if table.trials:
         names["search.csv"] = trials_to_csv(table.trials)
     paths = []

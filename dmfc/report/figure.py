@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from pathlib import Path
 
 import matplotlib
@@ -12,6 +13,8 @@ from dmfc.report.table import NAMES, SweepTable
 
 COLOURS = {"valid": "#4c78a8", "success": "#f58518", "overall": "#54a24b"}
 BAR = 0.26
+CLAIM_WIDTH = 90
+"""Characters in a line of what the intervals claim."""
 plain_text = matplotlib.rc_context({"text.parse_math": False})
 """Decorates what draws labels of users: `$` is a sign in them, and does not begin a formula."""
 
@@ -33,12 +36,17 @@ def draw_rates(table: SweepTable, path: Path) -> None:
                 axes.plot(row.paper[name][0], y, "x", color="black", markersize=6)
         axes.barh(0, 0, color=COLOURS[name], label=name)
     if any(row.paper for row in table.rows):
-        axes.plot([], [], "x", color="black", linestyle="none", label="paper")
+        axes.plot([], [], "x", color="black", linestyle="none", label="figures of the paper")
     labels = [f"{row.label}\nn = {row.trials}" for row in table.rows]
     axes.set_yticks(range(len(table.rows)), labels)
-    axes.invert_yaxis()
+    axes.set_ylim(len(table.rows) - 0.5, -0.5)
     axes.set_xlim(0, 1)
     axes.grid(axis="x", alpha=0.3)
-    axes.set_title(f"{table.title} ({table.preset})", loc="left", fontsize=11)
+    claim = textwrap.fill(table.claim(), CLAIM_WIDTH)
+    pad = 6 + 11 * (1 + claim.count("\n"))
+    axes.set_title(f"{table.title} ({table.preset})", loc="left", fontsize=11, pad=pad)
+    axes.annotate(
+        claim, (0, 1), (0, 4), xycoords="axes fraction", textcoords="offset points", fontsize=8
+    )
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.06), ncols=4, frameon=False)
     figure.savefig(path)

@@ -1,52 +1,26 @@
-"""A table as Markdown, CSV, LaTeX, JSON, and for the terminal."""
+"""A table as CSV, LaTeX, JSON, and for the terminal."""
 
 from __future__ import annotations
 
 import csv
 import dataclasses
 import io
-import re
+import math
 from typing import Any
 
 from rich.table import Table
 from rich.text import Text
 
 from dmfc.report.left_out import left_out_line
-from dmfc.report.rates import Rate
+from dmfc.report.paired import Comparison
+from dmfc.report.rates import Over, Rate, Rates
 from dmfc.report.table import NAMES, SweepTable, TableRow
-from dmfc.report.trials import trial_lines
 
-
-def to_markdown(table: SweepTable) -> str:
-    """The table, the per-object breakdown, and why trials failed."""
-    head = ["model", "trials"]
-    for name in table.show:
-        head += [f"{name} ± s.e. [95 %]", "paper"]
-    head += method_head(table)
-    lines = [
-        f"## {_markdown(table.title)}",
-        "",
-        f"Sweep `{table.id}`, preset `{table.preset}`.",
-        "",
-    ]
-    lines += [_markdown_row(head), _markdown_row(["---"] * len(head))]
-    for row in table.rows:
-        cells = [_markdown(row.label), str(row.trials)]
-        for name in table.show:
-            cells += [rate_text(row.rate(name)), paper_text(row, name)]
-        cells += method_cells(table, row)
-        lines.append(_markdown_row(cells))
-    lines += ["", left_out_line(table.left_out)]
-    for row in table.rows:
-        if row.failure:
-            lines += ["", f"**{_markdown(row.label)}: incomplete.** {_markdown(row.failure)}"]
-    if table.trials:
-        head, *body = [list(map(_markdown, line)) for line in trial_lines(table.trials)]
-        lines += ["", "### Trials of the search", "", _markdown_row(head)]
-        lines += [_markdown_row(["---"] * len(head)), *(_markdown_row(line) for line in body)]
-    lines += ["", "### Overall rate per object", "", *_markdown_objects(table)]
-    lines += ["", "### Why grasps did not hold", "", *_markdown_reasons(table)]
-    return "\n".join(lines) + "\n"
+OVER: tuple[Over, ...] = ("scenes", "objects")
+SUFFIXES = ("", "_n", "_se", "_low", "_high", "_objects_low", "_objects_high", "_seed_sd")
+"""Of the columns of a rate."""
+PAIRED = ("difference", "difference_low", "difference_high", "p", "p_holm")
+"""Columns of the difference of the overall rate to the base row."""
 
 
 def to_csv(table: SweepTable) -> str:
@@ -54,27 +28,36 @@ def to_csv(table: SweepTable) -> str:
     out = io.StringIO()
     head = ["cell", "label", "seeds", "trials"]
     for name in NAMES:
-        head += [f"{name}{suffix}" for suffix in ("", "_n", "_se", "_low", "_high")]
+        head += [f"{name}{suffix}" for suffix in SUFFIXES]
         head += [f"paper_{name}", f"paper_{name}_se"]
     writer = csv.writer(out, lineterminator="\n")
-    writer.writerow([*head, "failure", "left_out", *method_head(table)])
-    left_out = "; ".join(f"{name}: {reason}" for name, reason in table.left_out.items())
+    writer.writerow(
+        [*head, *PAIRED, "failure", "left_out", "claim", "claim_objects", *method_head(table)]
+    )
+    claims = [table.claim("scenes"), table.claim("objects")]
+    left_out = "; ".join(f"{name}: {reason}" for name, reason in (table.left_out or {}).items())
     for row in table.rows:
         line: list[Any] = [row.name, row.label, row.seeds, row.trials]
         for name in NAMES:
             rate = row.rate(name)
             low, high = rate.interval or (None, None)
+            wide_low, wide_high = row.rate(name, "objects").interval or (None, None)
             line += [_number(rate.value), rate.trials, _number(rate.standard_error)]
-            line += [_number(low), _number(high), *row.paper.get(name, ("", ""))]
-        writer.writerow([*line, row.failure, left_out, *method_cells(table, row)])
+            line += map(_number, (low, high, wide_low, wide_high, _known(row.seed_spread(name))))
+            line += row.paper.get(name, ("", ""))
+        pair = row.paired
+        line += map(_number, (pair.difference, pair.low, pair.high) if pair else [None] * 3)
+        line += [f"{pair.p:.6g}", f"{pair.p_holm:.6g}"] if pair else ["", ""]
+        writer.writerow([*line, row.failure, left_out, *claims, *method_cells(table, row)])
     return out.getvalue()
 
 
 def to_latex(table: SweepTable) -> str:
     """A `tabular` for booktabs: ours with the interval, the paper's in brackets."""
     lines = [
-        f"% {_one_line(table.title)}; sweep {table.id}, preset {table.preset}",
-        f"% {_one_line(left_out_line(table.left_out))}",
+        f"% {one_line(table.title)}; sweep {table.id}, preset {table.preset}",
+        f"% {table.claim()}",
+        f"% {one_line(left_out_line(table.left_out))}",
         rf"\begin{{tabular}}{{lr{'l' * len(table.show)}}}",
         r"\toprule",
         " & ".join(["model", "$n$", *table.show]) + r" \\",
@@ -94,16 +77,21 @@ def to_json(table: SweepTable) -> dict[str, Any]:
         "name": table.name,
         "title": table.title,
         "preset": table.preset,
+        "show": list(table.show),
+        "baseline": table.baseline,
+        "claims": {over: table.claim(over) for over in OVER},
+        "order": [row.name for row in table.rows],
         "cells": {row.name: _json_row(row) for row in table.rows},
-        "left_out": dict(table.left_out),
+        "left_out": None if table.left_out is None else dict(table.left_out),
         "search": {trial.name: dataclasses.asdict(trial) for trial in table.trials},
     }
 
 
-def to_rich(table: SweepTable) -> Table:
-    """The table for the terminal."""
+def to_rich(table: SweepTable, over: Over = "scenes") -> Table:
+    """The table for the terminal, with intervals `over` new scenes or new objects."""
     title = Text(f"{table.title} ({table.preset})", style="table.title")
-    shown = Table(title=title, title_justify="left")
+    caption = Text(table.claim(over), style="table.caption")
+    shown = Table(title=title, title_justify="left", caption=caption, caption_justify="left")
     shown.add_column("model")
     shown.add_column("n", justify="right")
     for name in table.show:
@@ -114,7 +102,7 @@ def to_rich(table: SweepTable) -> Table:
     for row in table.rows:
         cells = [row.label, str(row.trials)]
         for name in table.show:
-            cells += [rate_text(row.rate(name)).replace(" [", "\n["), paper_text(row, name)]
+            cells += [rate_text(row.rate(name, over)).replace(" [", "\n["), paper_text(row, name)]
         cells += method_cells(table, row)
         shown.add_row(*map(Text, cells))
     return shown
@@ -143,6 +131,29 @@ def rate_text(rate: Rate) -> str:
     return f"{rate.value:.2f} ± {rate.standard_error:.2f} [{interval[0]:.2f}, {interval[1]:.2f}]"
 
 
+def pair_text(pair: Comparison | None) -> tuple[str, str, str]:
+    """'+0.16 [+0.08, +0.23]', p and p by Holm; dashes where there are no pairs."""
+    if pair is None:
+        return "–", "–", "–"
+    text = f"{pair.difference:+.2f} [{pair.low:+.2f}, {pair.high:+.2f}]"
+    return text, p_text(pair.p), p_text(pair.p_holm)
+
+
+def p_text(p: float) -> str:
+    """'0.03', '0.0004', and '<0.0001' for less."""
+    if p < 1e-4:
+        return "<0.0001"
+    return f"{p:.2f}" if p >= 0.1 else f"{p:.1g}"
+
+
+def seed_text(row: TableRow, name: str) -> str:
+    """'0.55 ± 0.03': mean and standard deviation of a rate over the seeds."""
+    value, spread = row.rate(name).value, row.seed_spread(name)
+    if value is None:
+        return "–"
+    return f"{value:.2f}" + ("" if math.isnan(spread) else f" ± {spread:.2f}")
+
+
 def paper_text(row: TableRow, name: str) -> str:
     """The paper's figure as printed there; empty where it has none."""
     if name not in row.paper:
@@ -157,58 +168,33 @@ def _json_row(row: TableRow) -> dict[str, Any]:
         "seeds": row.seeds,
         "trials": row.trials,
         "failure": row.failure or None,
-        "rates": {name: _json_rate(row.rate(name)) for name in NAMES},
+        "rates": _json_rates(row.rates),
+        "rates_new_objects": _json_rates(row.new_objects),
+        "by_seed": {str(seed): _json_rates(found) for seed, found in row.by_seed.items()},
+        "seed_spread": {name: _known(row.seed_spread(name)) for name in NAMES},
+        "paired": row.paired.row() if row.paired else None,
         "paper": {name: list(pair) for name, pair in row.paper.items()},
-        "objects": {
-            obj: {name: _json_rate(getattr(found, name)) for name in NAMES}
-            for obj, found in row.objects.items()
-        },
+        "objects": {obj: _json_rates(found) for obj, found in row.objects.items()},
         "reasons": dict(row.reasons),
         **({"method": dataclasses.asdict(row.method)} if row.method else {}),
     }
+
+
+def _json_rates(found: Rates) -> dict[str, Any]:
+    return {name: _json_rate(getattr(found, name)) for name in NAMES}
 
 
 def _json_rate(rate: Rate) -> dict[str, Any]:
     return {
         "value": rate.value,
         "n": rate.trials,
+        "effective_n": None if rate.value is None else rate.worth,
         "standard_error": rate.standard_error,
         "interval": list(rate.interval) if rate.interval else None,
     }
 
 
-def _markdown_objects(table: SweepTable) -> list[str]:
-    names = sorted({name for row in table.rows for name in row.objects})
-    lines = [_markdown_row(["object", *(_markdown(row.label) for row in table.rows)])]
-    lines.append(_markdown_row(["---"] * (len(table.rows) + 1)))
-    for name in names:
-        cells = [_markdown(name)]
-        for row in table.rows:
-            found = row.objects.get(name)
-            has = found is not None and found.overall.value is not None
-            cells.append(f"{found.overall.value:.2f} ({found.overall.trials})" if has else "–")  # type: ignore[union-attr]
-        lines.append(_markdown_row(cells))
-    return lines
-
-
-def _markdown_reasons(table: SweepTable) -> list[str]:
-    lines = []
-    for row in table.rows:
-        counts = ", ".join(f"{reason} {count}" for reason, count in row.reasons.items())
-        lines.append(f"- **{_markdown(row.label)}**: {_markdown(counts) or 'all held'}")
-    return lines
-
-
-def _markdown_row(cells: list[str]) -> str:
-    return "| " + " | ".join(cells) + " |"
-
-
-def _markdown(text: str) -> str:
-    """Text as Markdown shows it: every sign as itself."""
-    return re.sub(r"([\\`*_{}\[\]<>#|$&~])", r"\\\1", _one_line(text))
-
-
-def _one_line(text: str) -> str:
+def one_line(text: str) -> str:
     return " ".join(text.split())
 
 
@@ -234,7 +220,11 @@ LATEX = {
 
 
 def _latex(text: str) -> str:
-    return "".join(LATEX.get(sign, sign) for sign in _one_line(text))
+    return "".join(LATEX.get(sign, sign) for sign in one_line(text))
+
+
+def _known(value: float) -> float | None:
+    return None if math.isnan(value) else value
 
 
 def _number(value: float | None) -> str:

@@ -22,8 +22,10 @@ def left_out(ledger: Ledger, stages: Mapping[str, str]) -> dict[str, str]:
     return dict(sorted(reasons.items()))
 
 
-def left_out_line(reasons: Mapping[str, str], most: int | None = None) -> str:
+def left_out_line(reasons: Mapping[str, str] | None, most: int | None = None) -> str:
     """'Training objects left out: none.', or each with its reason, `most` of them at most."""
+    if reasons is None:  # a table of before they were kept
+        return "Training objects left out: not recorded."
     told = [f"{name} ({reason})" for name, reason in reasons.items()]
     hidden = len(told[most:]) if most else 0
     more = f", and {hidden} more" if hidden else ""

@@ -6,6 +6,7 @@ import base64
 import shlex
 import tempfile
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
@@ -15,19 +16,19 @@ from dmfc.engine.ledger import Ledger
 from dmfc.engine.provenance import VECTOR_FLAGS, read_provenance
 from dmfc.engine.stage import differences
 from dmfc.engine.state import SEALED_VERSION, read_state
-from dmfc.errors import DmfcError, masked
+from dmfc.errors import masked
 from dmfc.files.atomic import write_text
 from dmfc.files.sealed import read_or_replace
+from dmfc.report.clusters import CONFIDENCE
 from dmfc.report.curves import draw_curves
 from dmfc.report.diagnosed import diagnosed
 from dmfc.report.failures import draw_failures
 from dmfc.report.figure import draw_rates
-from dmfc.report.formats import method_cells, method_head, paper_text, rate_text
+from dmfc.report.formats import method_cells, method_head, p_text, paper_text, rate_text, seed_text
 from dmfc.report.left_out import left_out_line
 from dmfc.report.outputs import note_outputs
-from dmfc.report.paired import compare
-from dmfc.report.rates import CONFIDENCE, Rate, concatenate
-from dmfc.report.table import NAMES, CellRows, SweepTable, TableRow
+from dmfc.report.rates import Rate
+from dmfc.report.table import NAMES, SweepTable, TableRow
 from dmfc.report.trial_figure import draw_trials
 from dmfc.report.trials import trial_lines
 from dmfc.sweep.record import SweepRecord
@@ -37,43 +38,78 @@ MARKER = "tracked.json"
 """Where tracking says which run is which (written there, read here)."""
 UI = "http://127.0.0.1:5000"
 """Where `dmfc ui` serves runs that are in no server of their own."""
+RATES_CAPTION = "The rates with their 95 % intervals"
+CURVES_CAPTION = "Training loss per epoch"
 CHANGES = 6
 """Settings named per cell; of more only the number."""
+
+
+@dataclass(frozen=True)
+class Origin:
+    """What made a table: all that a page says of it besides the rates."""
+
+    status: str
+    calls: Sequence[Mapping[str, Any]]
+    """Of the commands that ran stages of it, as `provenance.json` has them."""
+    tracked: Mapping[str, Any] = field(default_factory=dict)
+    settings: Sequence[Mapping[str, Any]] = ()
+    """Each cell's stages, and how its settings differ from those of the first."""
+    diagnosed: Mapping[str, Any] = field(default_factory=dict)
+    """What fine-tuning did to its predictions (`dmfc.report.diagnosed`)."""
 
 
 def write_page(
     ledger: Ledger,
     sweep: SweepRecord,
     table: SweepTable,
-    cells: Sequence[CellRows],
     figures: Sequence[Mapping[str, str]],
 ) -> Path:
     """Write `table.html` with `figures` (of `draw_figures`) into the sweep's folder."""
     folder = ledger.store / "sweeps" / table.id
-    tracked = read_marker(folder)
-    base = next(row for row in table.rows if row.name == sweep.baseline)
-    text = _template().render(
+    path = folder / PAGE
+    write_text(path, page_text(table, figures, origin_of(ledger, sweep)))
+    note_outputs(folder, [PAGE])
+    return path
+
+
+def origin_of(ledger: Ledger, sweep: SweepRecord) -> Origin:
+    """What the store knows of a sweep."""
+    folder = ledger.store / "sweeps" / sweep.id
+    calls = [
+        {**call, "command": [*map(masked, call["command"])]} for call in read_provenance(folder)
+    ]
+    return Origin(
+        read_state(folder).status,
+        calls,
+        read_marker(folder),
+        _settings(sweep),
+        diagnosed(ledger, sweep),
+    )
+
+
+def page_text(table: SweepTable, figures: Sequence[Mapping[str, str]], origin: Origin) -> str:
+    """The page as HTML."""
+    tracked = origin.tracked
+    base = [row.label for row in table.rows if row.name == table.baseline]
+    return _template().render(
         table=table,
-        status=read_state(folder).status,
-        baseline_label=base.label,
-        rows=[_row(row, base, table, cells, tracked) for row in table.rows],
+        status=origin.status,
+        baseline_label=base[0] if base else "",
+        rows=[_row(row, table, tracked) for row in table.rows],
+        seeds=_seeds(table),
         tracked=bool(tracked),
         served=_server(tracked) == UI,
         left_out=left_out_line(table.left_out),
         has_paper=any(row.paper for row in table.rows),
         method_head=method_head(table),
         figures=figures,
-        trials=_searched(table, list(dict.fromkeys(cell.seed for cell in cells)), tracked),
+        trials=_searched(table, tracked),
         objects=_objects(table),
         reasons=_reasons(table),
-        diagnosed=diagnosed(ledger, sweep),
-        calls=[_call(call) for call in read_provenance(folder)],
-        settings=_settings(sweep),
+        diagnosed=origin.diagnosed,
+        calls=[_call(call) for call in origin.calls],
+        settings=origin.settings,
     )
-    path = folder / PAGE
-    write_text(path, text)
-    note_outputs(folder, [PAGE])
-    return path
 
 
 def read_marker(folder: Path) -> dict[str, Any]:
@@ -85,20 +121,25 @@ def draw_figures(ledger: Ledger, sweep: SweepRecord, table: SweepTable) -> list[
     """Draw `table.png` and `curves.png` into the sweep's folder; all figures as text for a page."""
     folder = ledger.store / "sweeps" / table.id
     draw_rates(table, folder / "table.png")
-    drawn = [("The rates with their 95 % intervals", folder / "table.png")]
+    drawn = [(RATES_CAPTION, folder / "table.png")]
     if table.trials:
         draw_trials(table.trials, folder / "search.png")
         drawn.append(("Trials of the search: objective by setting", folder / "search.png"))
     if draw_curves(ledger, sweep, folder / "curves.png"):
-        drawn.append(("Training loss per epoch", folder / "curves.png"))
+        drawn.append((CURVES_CAPTION, folder / "curves.png"))
     note_outputs(folder, [path.name for _, path in drawn])
+    return as_text(table, drawn)
+
+
+def as_text(table: SweepTable, drawn: Sequence[tuple[str, Path]]) -> list[dict[str, str]]:
+    """Figures for a page: those `drawn`, each with its caption, and that of the reasons."""
     with tempfile.TemporaryDirectory() as temporary:
         path = Path(temporary) / "reasons.png"
         draw_failures(table, path)
-        drawn.insert(1, ("What became of each executed grasp", path))
+        every = [*drawn[:1], ("What became of each executed grasp", path), *drawn[1:]]
         return [
             {"alt": alt, "data": base64.b64encode(path.read_bytes()).decode()}
-            for alt, path in drawn
+            for alt, path in every
         ]
 
 
@@ -110,22 +151,15 @@ def _template() -> Any:
     return Environment(autoescape=True, undefined=StrictUndefined).from_string(source)
 
 
-def _row(
-    row: TableRow,
-    base: TableRow,
-    table: SweepTable,
-    cells: Sequence[CellRows],
-    tracked: Mapping[str, Any],
-) -> dict[str, Any]:
-    seeds = [cell.seed for cell in cells if cell.name == row.name]
+def _row(row: TableRow, table: SweepTable, tracked: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "label": row.label,
         "trials": row.trials,
         "failure": row.failure,
         "rates": [_rate(row, name) for name in table.show],
-        "paired": _paired(row, base, cells),
+        "paired": _paired(row, table),
         "method": method_cells(table, row),
-        "runs": _runs(row.name, seeds, tracked),
+        "runs": _runs(row.name, list(row.by_seed), tracked),
     }
 
 
@@ -146,15 +180,13 @@ def _server(tracked: Mapping[str, Any]) -> str:
     return uri.rstrip("/") if uri.startswith(("http://", "https://")) else UI
 
 
-def _searched(
-    table: SweepTable, seeds: Sequence[int], tracked: Mapping[str, Any]
-) -> dict[str, Any]:
+def _searched(table: SweepTable, tracked: Mapping[str, Any]) -> dict[str, Any]:
     """Head and lines of the search's table; empty where there was none."""
     if not table.trials:
         return {}
     head, *lines = trial_lines(table.trials)
     rows = [
-        {"cells": line, "best": trial.best, "runs": _runs(trial.name, seeds, tracked)}
+        {"cells": line, "best": trial.best, "runs": _runs(trial.name, table.seeds, tracked)}
         for line, trial in zip(lines, table.trials, strict=True)
     ]
     return {"head": head, "rows": rows}
@@ -163,7 +195,8 @@ def _searched(
 def _rate(row: TableRow, name: str) -> dict[str, str]:
     rate, paper = row.rate(name), paper_text(row, name)
     if rate.value is None or rate.interval is None:
-        return {"text": "–", "interval": "", "paper": paper, "difference": "", "sign": ""}
+        nothing = {"text": "–", "interval": "", "objects": "", "difference": "", "sign": ""}
+        return {**nothing, "paper": paper}
     low, high = rate.interval
     difference, sign = "", ""
     if name in row.paper:
@@ -174,36 +207,44 @@ def _rate(row: TableRow, name: str) -> dict[str, str]:
     return {
         "text": f"{rate.value:.2f} ± {rate.standard_error:.2f}",
         "interval": f"[{low:.2f}, {high:.2f}]",
+        "objects": "[{:.2f}, {:.2f}]".format(*(row.rate(name, "objects").interval or (0, 1))),
         "paper": paper,
         "difference": difference,
         "sign": sign,
     }
 
 
-def _paired(row: TableRow, base: TableRow, cells: Sequence[CellRows]) -> dict[str, str]:
+def _paired(row: TableRow, table: SweepTable) -> dict[str, str]:
     """The difference to the base row over the same trials; empty where there are no pairs."""
-    nothing = {"text": "", "interval": "", "p": "", "scenes": "", "sign": ""}
-    if row.name == base.name:
-        return {**nothing, "text": "base"}
-    try:
-        found = compare(_trials(row.name, cells), _trials(base.name, cells))
-    except DmfcError:
-        return nothing
+    found = row.paired
+    if found is None:
+        text = "base" if row.name == table.baseline else ""
+        return {"text": text, "interval": "", "p": "", "holm": "", "sign": ""}
     sign = ""
-    if found.p_scenes < 1 - CONFIDENCE:  # of few scenes the bootstrap's interval is too narrow
-        sign = "better" if found.low > 0 else "worse" if found.high < 0 else ""
+    if found.p_holm < 1 - CONFIDENCE:
+        sign = "better" if found.difference > 0 else "worse"
     return {
         "text": f"{found.difference:+.2f}",
         "interval": f"[{found.low:+.2f}, {found.high:+.2f}]",
-        "p": f"{found.p_scenes:.2g}",
-        "scenes": f"{found.scenes} scenes",
+        "p": p_text(found.p),
+        "holm": f"Holm {p_text(found.p_holm)}",
         "sign": sign,
     }
 
 
-def _trials(name: str, cells: Sequence[CellRows]) -> Any:
-    parts = [cell.rows.assign(seed=cell.seed) for cell in cells if cell.name == name]
-    return concatenate([part for part in parts if len(part)])
+def _seeds(table: SweepTable) -> list[dict[str, Any]]:
+    """Rates of each training seed, their mean and spread; empty where there is one seed."""
+    if len(table.seeds) < 2:
+        return []
+    lines = []
+    for row in table.rows:
+        cells = []
+        for seed in table.seeds:
+            found = row.by_seed.get(seed)
+            cells.append([rate_text(getattr(found, name)) if found else "–" for name in table.show])
+        spread = [seed_text(row, name) for name in table.show]
+        lines.append({"label": row.label, "cells": cells, "spread": spread})
+    return lines
 
 
 def _objects(table: SweepTable) -> list[dict[str, Any]]:

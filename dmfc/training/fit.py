@@ -67,6 +67,11 @@ def fit(
         load_weights(net, init_weights)
     points, seeds = training.rank_points, training.finetune_seeds
     task = Task(stage, config.losses, hand, atlas, points, seeds, config.approach)
+    if stage == "finetune" and training.finetune_form == "projected" and not task.of_scene:
+        raise DmfcError(
+            "training.finetune_form=projected has no term to move predictions by: every one of "
+            "losses.weights but chamfer is 0"
+        )
     failure = Failure(work / FAILURE, config, hand.name)
     validation = Validation(config.validation, config.losses, hand, atlas, config.approach)
     diagnostics = None

@@ -6,6 +6,7 @@ import math
 import time
 from typing import Any
 
+import numpy as np
 import torch
 from lightning.pytorch import LightningModule
 from torch import Tensor
@@ -112,10 +113,15 @@ class GraspTraining(LightningModule):
         if not self._selects(candidates):
             return candidates
         if self.config.hard_error == "random":
-            error = torch.rand(len(candidates), device=candidates.logit.device)
+            error = self._drawn(len(candidates)).to(candidates.logit.device)
         else:
             error = self.task.errors(candidates, batch)
         return candidates.take(self._pick(error, candidates))
+
+    def _drawn(self, count: int) -> Tensor:
+        """Random numbers `[count]` that follow from the seed and the number of the step."""
+        words = np.random.SeedSequence(self.config.seed, spawn_key=(self.global_step,))
+        return torch.from_numpy(np.random.default_rng(words).random(count))
 
     def _selects(self, candidates: Candidates) -> bool:
         all_count = self.config.hard_stages == "finetune" and self.task.stage == "pretrain"

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from matplotlib.image import imread
 
 from dmfc.outcome.calibration import auc, auc_within, platt, reliability
+from dmfc.outcome.report import object_intervals
+from dmfc.outcome.trials import Trials
+from dmfc.visualization.reliability import draw_reliability
 
 
 def auc_by_pairs(score: np.ndarray, happened: np.ndarray) -> float:
@@ -52,3 +58,39 @@ def test_the_error_is_what_is_said_less_what_happens() -> None:
     assert found.trials == [100, 100]
     assert found.happened == [0.25, 0.55]
     assert found.error == pytest.approx(0.1)
+
+
+def test_intervals_of_a_bootstrap_over_objects() -> None:
+    generator = np.random.default_rng(0)
+    objects = np.repeat([f"o{k}" for k in range(40)], 30).astype(object)
+    scene = np.repeat(np.arange(120), 10)
+    said = generator.uniform(size=1200)
+    held = generator.uniform(size=1200) < said
+    trials = Trials(np.zeros((1200, 1)), held, held, objects, scene, np.ones(1200, bool))
+    found = object_intervals(said, np.ones(1200), trials)
+    # P(the one that happened has the higher score) where score is uniform and is the probability.
+    low, high = found["held_auc_within"]
+    assert low < 5 / 6 < high
+    assert high - low < 0.08
+    point = auc_within(said, held, scene)
+    assert low < point < high
+    # Of independent trials the bootstrap over objects is the one over trials, up to its noise.
+    draws = [auc(said[rows], held[rows]) for rows in generator.integers(1200, size=(400, 1200))]
+    assert (high - low) == pytest.approx(np.ptp(np.quantile(draws, [0.025, 0.975])), rel=0.5)
+
+
+def test_the_diagram_has_a_line_per_group(tmp_path: Path) -> None:
+    rows = [
+        {
+            "group": name,
+            "trials": 10,
+            "calibration_error": 0.1,
+            "reliability": {"said": [0.2, 0.8], "happened": [0.3, 0.7], "trials": [4, 6]},
+        }
+        for name in ("alone", "clutter")
+    ]
+    draw_reliability(rows, tmp_path / "one.png")
+    draw_reliability(rows[:1], tmp_path / "two.png")
+    one, two = (imread(tmp_path / name) for name in ("one.png", "two.png"))
+    assert one.shape == two.shape
+    assert (one != two).any()

@@ -13,7 +13,8 @@ from rich.console import Console
 from dmfc.report.curves import draw_curves
 from dmfc.report.failures import draw_failures
 from dmfc.report.figure import draw_rates
-from dmfc.report.formats import to_csv, to_json, to_latex, to_markdown, to_rich
+from dmfc.report.formats import to_csv, to_json, to_latex, to_rich
+from dmfc.report.markdown import to_markdown
 from dmfc.report.table import CellRows, make_table
 from dmfc.sweep.record import CellRecord
 
@@ -53,6 +54,9 @@ def test_seeds_are_pooled(table):
     assert (row.seeds, row.trials) == (2, 80)
     assert row.rates.valid.value == 0.75
     assert table.rows[1].rates.valid.trials == 80
+    assert {seed: rates.valid.trials for seed, rates in row.by_seed.items()} == {0: 40, 1: 40}
+    assert row.seed_spread("valid") == 0
+    assert table.rows[1].seed_spread("valid") == pytest.approx(0.1 / 2**0.5)  # 0 and 4 of 40
     assert table.rows[1].failure == "1 of 2 shards missing: x"
 
 
@@ -61,21 +65,27 @@ def test_markdown(table):
     line = next(line for line in text.splitlines() if line.startswith("| fine-tuned"))
     cells = [cell.strip() for cell in line.strip("|").split("|")]
     assert cells[1] == "80"
-    assert cells[2] == "0.75 ± 0.05 [0.65, 0.83]"
+    low, high = table.rows[0].rates.valid.interval
+    assert cells[2] == f"0.75 ± 0.13 [{low:.2f}, {high:.2f}]"  # 0.75 of the scenes, not trials
+    assert table.claim() in text.replace("\\", "")
     assert cells[3] == "0.82 ± 0.02"
     assert "incomplete" in text
     assert "| ycb/mug |" in text
     widths = {
         line.count("|") for line in text.splitlines() if line.startswith("| ") and "ycb" not in line
     }
-    assert widths == {9, 4}
+    assert widths == {9, 5, 4}
+    assert "seed 1" in text
 
 
 def test_csv(table):
     lines = list(csv.DictReader(io.StringIO(to_csv(table))))
     assert [line["cell"] for line in lines] == ["all", "random"]
     assert float(lines[0]["valid"]) == 0.75
-    assert float(lines[0]["valid_low"]) == pytest.approx(0.6451, abs=1e-4)
+    low, _ = table.rows[0].rates.valid.interval
+    assert float(lines[0]["valid_low"]) == pytest.approx(low, abs=1e-6)
+    assert float(lines[0]["valid_seed_sd"]) == 0
+    assert "a new training (2 seeds)" in lines[0]["claim"]
     assert lines[0]["paper_overall"] == "0.56"
     assert lines[1]["paper_overall"] == ""
     assert float(lines[1]["success"]) == 0.0
@@ -84,7 +94,10 @@ def test_csv(table):
 
 def test_latex(table):
     text = to_latex(table)
-    assert r"fine-tuned, all \& more & 80 & $0.75 \pm 0.05$ [0.65, 0.83] (0.82)" in text
+    low, high = table.rows[0].rates.valid.interval
+    line = rf"fine-tuned, all \& more & 80 & $0.75 \pm 0.13$ [{low:.2f}, {high:.2f}] (0.82)"
+    assert line in text
+    assert f"% {table.claim()}" in text
     assert text.count(r"\\") == 3
     assert text.count("{") == text.count("}")
 
@@ -94,8 +107,9 @@ def test_json_is_json(table):
     assert read["cells"]["all"]["rates"]["valid"] == {
         "value": 0.75,
         "n": 80,
-        "standard_error": pytest.approx(0.0484, abs=1e-4),
-        "interval": pytest.approx([0.6451, 0.8320], abs=1e-4),
+        "effective_n": table.rows[0].rates.valid.worth,
+        "standard_error": table.rows[0].rates.valid.standard_error,
+        "interval": list(table.rows[0].rates.valid.interval),
     }
     assert read["cells"]["random"]["failure"]
 
@@ -104,7 +118,9 @@ def test_terminal(table):
     console = Console(width=160, record=True, file=io.StringIO())
     console.print(to_rich(table))
     text = console.export_text()
-    assert "[0.65, 0.83]" in text
+    low, high = table.rows[0].rates.valid.interval
+    assert f"[{low:.2f}, {high:.2f}]" in text
+    assert table.claim() in text
     assert "random (floor)" in text
 
 
@@ -151,7 +167,7 @@ def test_markdown_shows_every_sign(hard):
         "text", "text_special", "strong_open", "strong_close", "code_inline", "softbreak",
     }  # fmt: skip
     assert texts[0] == label  # the title
-    assert texts.count(label) == 4  # and its row, its object, the head of the objects
+    assert texts.count(label) == 5  # and its rows, its object, the head of the objects
     assert f"{label}: slipped 4" in texts
     assert f"{label}: incomplete. it failed: {label}" in texts
 

@@ -7,9 +7,10 @@ import pytest
 
 from dmfc.engine.engine import run_stages
 from dmfc.pipeline.graph import GraphBuilder
-from dmfc.report.collect import collect, read_sweep, table_of
-from dmfc.report.formats import to_csv, to_json, to_latex, to_markdown
+from dmfc.report.collect import read_sweep, table_of
+from dmfc.report.formats import to_csv, to_json, to_latex
 from dmfc.report.left_out import left_out_line
+from dmfc.report.markdown import to_markdown
 from dmfc.report.page import draw_figures, write_page
 from dmfc.sweep.planner import plan_sweep
 from dmfc.sweep.sweep_file import load_sweep
@@ -47,7 +48,7 @@ def test_every_format_names_the_objects_that_were_left_out(tmp_path, ledger, nam
     for row in csv.DictReader(io.StringIO(to_csv(table))):
         assert row["left_out"] == "; ".join(f"{k}: {v}" for k, v in expected.items())
     figures = draw_figures(ledger, sweep, table)
-    page = write_page(ledger, sweep, table, collect(ledger, sweep), figures)
+    page = write_page(ledger, sweep, table, figures)
     assert f'<p id="left-out">{line}</p>' in page.read_text()
 
 

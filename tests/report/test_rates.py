@@ -2,13 +2,14 @@
 
 import math
 
+import numpy as np
 import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from dmfc.errors import DmfcError
-from dmfc.report.rates import Rate, per_object, rates, reasons
+from dmfc.report.rates import Rate, objects_of, per_object, rates, reasons, scene_objects
 
 
 def rows(*outcomes, scene=0):
@@ -61,6 +62,49 @@ def test_the_three_rates_and_their_denominators():
     assert (found.success.successes, found.success.trials) == (2, 3)
     assert (found.overall.successes, found.overall.trials) == (2, 4)
     assert found.overall.value == found.valid.value * found.success.value
+
+
+def scenes(held):
+    """Planned trials [n, K] of scenes, of which `held` says what was held."""
+    return pd.concat(
+        [rows(*((True, bool(x)) for x in line), scene=i) for i, line in enumerate(held)]
+    )
+
+
+def test_trials_of_a_scene_that_all_agree_are_worth_one():
+    alike = np.repeat(np.arange(60) % 2, 4).reshape(60, 4)
+    found = rates(scenes(alike), 240).overall
+    assert (found.value, found.trials) == (0.5, 240)
+    assert found.worth == pytest.approx(60, rel=0.03)
+    assert found.standard_error == pytest.approx(math.sqrt(0.25 / 60), rel=0.03)
+    low, high = found.interval
+    assert (low, high) == pytest.approx(wilson(30, 60, 2.0), abs=0.005)
+
+
+def test_missing_shards_do_not_make_the_interval_narrower():
+    generator = np.random.default_rng(0)
+    table = scenes(generator.uniform(size=(30, 4)) < 0.5)
+    found, whole = rates(table, 160).overall, rates(table, 120).overall
+    assert found.trials == 160
+    assert found.worth < 160
+    assert whole.worth <= 120
+
+
+def test_new_objects_are_the_wider_claim():
+    table = scenes(np.repeat(np.arange(40) // 20, 4).reshape(40, 4))
+    table["object"] = (table["scene"] // 5).map("object {}".format)
+    narrow, wide = rates(table, 160), rates(table, 160, "objects")
+    assert narrow.overall.value == wide.overall.value
+    assert wide.overall.worth == pytest.approx(8, rel=0.2)  # eight objects, each all or nothing
+    assert narrow.overall.worth == pytest.approx(40, rel=0.1)
+
+
+def test_a_trial_that_was_aimed_at_none_is_of_the_object_of_its_scene():
+    table = scenes([[1, 1], [0, 0], [0, 1]])
+    table.loc[table["scene"] == 1, "object"] = ""
+    assert list(objects_of(table, {1: "ycb/mug"})) == ["ycb/mug"] * 6
+    assert list(objects_of(table, {}))[2:4] == ["scene 1"] * 2
+    assert scene_objects(table) == {0: "ycb/mug", 2: "ycb/mug"}
 
 
 def test_missing_rows_stay_in_the_denominator():

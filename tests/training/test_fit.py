@@ -14,7 +14,7 @@ import torch
 from safetensors.torch import load_file
 
 from dmfc.config.losses import LossConfig, LossWeights, Q1Config
-from dmfc.config.training import StageSchedule, TrainingConfig
+from dmfc.config.training import ProjectionConfig, StageSchedule, TrainingConfig
 from dmfc.errors import DmfcError
 from dmfc.network.checkpoint import load_network
 from dmfc.network.inference import predict
@@ -23,7 +23,7 @@ from dmfc.training.fit import fit
 from dmfc.training.module import GraspTraining
 from dmfc.training.replay import replay
 from dmfc.training.settings import FitConfig
-from tests.support.toy import NETWORK, ToyData, toy_atlas, toy_hand, toy_scene
+from tests.support.toy import NETWORK, ToyData, toy_atlas, toy_batch, toy_hand, toy_scene
 
 TRAINING = TrainingConfig(
     pretrain=StageSchedule(epochs=4),
@@ -122,6 +122,43 @@ def test_resumes_exactly(tmp_path, stage):
         assert torch.equal(value, parts[name]), name
     again = run(tmp_path / "parts", stage, config)  # nothing left to do
     assert exact(again) == exact(expected)
+
+
+PROJECTED = dataclasses.replace(
+    CONFIG,
+    losses=dataclasses.replace(LOSSES, weights=LossWeights(1.0, 0.0, 1.0, 0.0, 1.0, swept=1.0)),
+    training=dataclasses.replace(
+        TRAINING,
+        finetune_form="projected",
+        hard_error="random",
+        projection=ProjectionConfig(steps=3),
+    ),
+)
+
+
+def test_projected_targets_resume_exactly_with_what_is_diagnosed(tmp_path):
+    def die(fraction: float, message: str) -> None:
+        if fraction > 0.8:  # in the third of three epochs
+            raise StopError
+
+    run(tmp_path, "pretrain")
+    start = {"init_weights": tmp_path / "pretrain", "probe": toy_batch(2)}
+    expected = run(tmp_path / "whole", "finetune", PROJECTED, **start)
+    with pytest.raises(StopError):
+        run(tmp_path / "parts", "finetune", PROJECTED, progress=die, **start)
+    resumed = run(tmp_path / "parts", "finetune", PROJECTED, **start)
+    assert exact(resumed) == exact(expected)
+    for row in expected:
+        assert 0 <= row["own_terms_fell"] <= 1
+        assert row["swept_at_target"] <= row["swept"]
+        assert {"own_cosine_easy", "gradient_norm_swept", "swept_at_labels"} <= set(row)
+    assert expected[0]["swept_at_labels"] == expected[2]["swept_at_labels"]
+
+
+def test_projected_targets_need_a_term(tmp_path):
+    alone = LossConfig(weights=LossWeights(1.0, 0.0, 0.0, 0.0, 1.0))
+    with pytest.raises(DmfcError, match=r"every one of losses\.weights but chamfer is 0"):
+        run(tmp_path, "finetune", dataclasses.replace(PROJECTED, losses=alone))
 
 
 def flipped(path: Path) -> None:
