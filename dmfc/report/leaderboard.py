@@ -192,6 +192,7 @@ _INTRODUCTION = (
     "Grasps of a multi-fingered hand, executed in MuJoCo: K = 4 per scene. Overall: held of all "
     "trials; valid: planned of all; success: held of the planned. Brackets are 95 % intervals "
     "for new scenes of the same objects. A scene without an answer counts as failed. Rows called "
-    "'reported' are figures of a publication, on scenes and in a simulator of its own. Made by `dmfc benchmark leaderboard` "
-    "from the files beside this page; how to add one: docs/leaderboard.md."
+    "'reported' are figures of a publication, on scenes and in a simulator of its own. Made by "
+    "`dmfc benchmark leaderboard` from the files beside this page; how to add one: "
+    "docs/leaderboard.md."
 )
