@@ -17,6 +17,7 @@ from dmfc.files.digest import file_digest
 from dmfc.network.model_files import WEIGHTS
 from dmfc.outcome.files import FEATURES_VERSION
 from dmfc.outcome.files import WEIGHTS as JUDGE
+from dmfc.pipeline.graph_data import Inputs, of_every_scene
 
 if TYPE_CHECKING:
     from dmfc.pipeline.graph import GraphBuilder
@@ -72,8 +73,8 @@ def rollouts(builder: GraphBuilder, config: Config, proposer: Stage | Path) -> t
         for obj in objects:
             start = _first_scene(obj.name)
             numbers = range(start, start + chosen.per_object)
-            given = _shard(builder, config, proposer, alone, scenes, numbers)
-            made.append(builder.stage("rollouts", obj.name, *_with(given, (obj,))))
+            given = _shard(builder, config, proposer, alone, scenes, numbers, (obj,))
+            made.append(builder.stage("rollouts", obj.name, *given))
     for shard in range(chosen.shards if chosen.clutter else 0):
         scenes = SceneSetConfig(
             kind="multi",
@@ -83,8 +84,8 @@ def rollouts(builder: GraphBuilder, config: Config, proposer: Stage | Path) -> t
             max_objects=chosen.max_objects,
         )
         numbers = range(shard * chosen.clutter, (shard + 1) * chosen.clutter)
-        given = _shard(builder, config, proposer, alone, scenes, numbers)
-        made.append(builder.stage("rollouts", f"clutter:{shard}", *_with(given, objects)))
+        given = _shard(builder, config, proposer, alone, scenes, numbers, objects)
+        made.append(builder.stage("rollouts", f"clutter:{shard}", *given))
     return tuple(made)
 
 
@@ -100,11 +101,13 @@ def _shard(
     chosen: Any,
     scenes: SceneSetConfig,
     numbers: range,
+    objects: tuple[Stage, ...],
 ) -> tuple[dict[str, Any], Inputs, dict[str, str]]:
-    """Settings, inputs without the objects, and hints of a shard."""
+    """Settings, inputs and hints of a shard."""
     under = executed(config)
+    labels = chosen.source == "labels"
     settings: dict[str, Any] = {
-        "row": "model",
+        "row": "planner" if labels else "model",
         "hand": under.hand,
         "closing": under.closing,
         "execution": without(under.execution, *SELECTION),
@@ -117,18 +120,15 @@ def _shard(
     }
     if is_custom(under.execution.test):
         settings["custom_test"] = custom_class(under.execution.test, "execution.test").digest
-    inputs: Inputs = {"hand": builder.hand(config)}
+    inputs: Inputs = {"hand": builder.hand(config), "objects": objects}
+    if labels:
+        settings["labels"] = of_every_scene(config)
+        grasps = tuple(builder.grasps_of(config, obj) for obj in objects)
+        return settings, {**inputs, "grasps": grasps}, {}
     if isinstance(proposer, Path):
         settings["weights"] = file_digest(proposer / WEIGHTS)
         return settings, inputs, {"weights": str(proposer)}
     return settings, {**inputs, "model": proposer}, {}
-
-
-def _with(
-    given: tuple[dict[str, Any], Inputs, dict[str, str]], objects: tuple[Stage, ...]
-) -> tuple[dict[str, Any], Inputs, dict[str, str]]:
-    settings, inputs, hints = given
-    return settings, {**inputs, "objects": objects}, hints
 
 
 def judge(

@@ -5,7 +5,7 @@
     base: {scenes.test.kind: single}
     presets:
       full: {scenes.train.count: 1000}
-    seeds: [0]
+    seeds: {full: [0, 1, 2]}   # of that preset, and [0] of all others; or one list for all
     table: {baseline: all, show: [success, overall]}
     cells:
       all:
@@ -44,12 +44,12 @@ from dmfc.config.plain_yaml import read_yaml
 from dmfc.config.presets import Presets, preset_layers, preset_names
 from dmfc.config.ranges import all_types
 from dmfc.config.schema import Config
-from dmfc.config.setting import GREATEST_SEED
 from dmfc.config.shipped import check_renamed, shipped_file
 from dmfc.errors import DmfcError, unknown_name
 from dmfc.sweep.matrix import MOST_CELLS, expand
 from dmfc.sweep.models import source_of
 from dmfc.sweep.search import Search, parse_search
+from dmfc.sweep.seeds import parse_seeds, seed_list
 from dmfc.sweep.yaml_checks import mapping, only_keys, shortened, text
 
 RATES = ("valid", "success", "overall")
@@ -87,7 +87,8 @@ class Sweep:
     title: str
     base: Mapping[str, Any]
     presets: Mapping[str, Mapping[str, Any]]
-    seeds: tuple[int, ...]
+    seeds: Mapping[str, tuple[int, ...]]
+    """By preset; '' of those that are not named."""
     cells: tuple[Cell, ...]
     baseline: str
     """The cell with which others are compared."""
@@ -121,9 +122,9 @@ def load_sweep(name: str) -> Sweep:
     baseline = str(table.get("baseline", names[0]))
     if baseline not in names:
         raise DmfcError(f"{path}: table: {unknown_name('baseline', baseline, names)}")
-    seeds = _seeds(values.get("seeds", [0]), f"{path}: seeds")
-    if len(seeds) * len(cells) > MOST_CELLS:
-        count = len(seeds) * len(cells)
+    seeds = parse_seeds(values.get("seeds", [0]), f"{path}: seeds")
+    count = max(map(len, seeds.values())) * len(cells)
+    if count > MOST_CELLS:
         raise DmfcError(f"{path}: {count:,} cells and seeds, more than {MOST_CELLS:,}")
     return Sweep(
         path=path,
@@ -281,16 +282,17 @@ def _settings(given: Any, where: str) -> Mapping[str, Any]:
     return values
 
 
-def _seeds(given: Any, where: str) -> tuple[int, ...]:
-    good = isinstance(given, list) and given
-    if not good or not all(type(seed) is int and 0 <= seed <= GREATEST_SEED for seed in given):
-        raise DmfcError(
-            f"{where}: wants a list of whole numbers such as [0, 1], up to {GREATEST_SEED}, "
-            f"not {shortened(given)}"
-        )
-    if len(set(given)) < len(given):
-        raise DmfcError(f"{where}: a seed is given twice in {shortened(given)}")
-    return tuple(given)
+def seeds_of(sweep: Sweep, presets: Presets | None) -> tuple[int, ...]:
+    """The seeds of a sweep under its presets: those of the last one that it names seeds for."""
+    names = [Path(name).stem for name in preset_names(presets)]
+    return next(
+        (sweep.seeds[name] for name in reversed(names) if name in sweep.seeds), sweep.seeds[""]
+    )
+
+
+def with_seeds(sweep: Sweep, seeds: Sequence[int]) -> Sweep:
+    """The sweep at these seeds, whatever its presets. Raises DmfcError on an odd list."""
+    return dataclasses.replace(sweep, seeds={"": seed_list(list(seeds), "seeds")})
 
 
 def _name(given: Any, where: str) -> str:
