@@ -17,7 +17,7 @@ import torch
 
 from dmfc.config.schema import Config
 from dmfc.errors import DmfcError
-from dmfc.sweep.sweep_file import cell_config, load_sweep
+from dmfc.sweep.sweep_file import cell_config, load_sweep, seeds_of
 from dmfc.training.batch import Batch
 from dmfc.training.selection import hardest
 from dmfc.training.task import Task
@@ -55,7 +55,7 @@ def table_rows(store: Path, preset: str) -> Iterator[list[str]]:
     for cell in sweep.cells:
         if cell.model != "finetuned":
             continue
-        config = cell_config(sweep, cell, sweep.seeds[0], preset, [])
+        config = cell_config(sweep, cell, seeds_of(sweep, preset)[0], preset, [])
         found = trained(config, "pretrained", cell.name, store)
         values = torch.tensor(
             [

@@ -44,7 +44,7 @@ def evaluate(
     protocol: Annotated[
         str,
         typer.Option(
-            help="default, dexgraspbench, or a YAML file; if not given: the preset's.",
+            help="default, dexgraspbench, six_directions, or a YAML file; default: the preset's.",
             autocompletion=complete.protocols,
         ),
     ] = "",

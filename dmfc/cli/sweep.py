@@ -13,6 +13,7 @@ from typer.core import TyperGroup
 from dmfc.cli import complete
 from dmfc.cli.common import PRESET, STORE, AsJson, Overrides, Preset, Store
 from dmfc.cli.dry_run import show_plans
+from dmfc.errors import DmfcError
 from dmfc.experiment.console import answer
 from dmfc.experiment.drive import drive, explained_disk_errors, show_status
 from dmfc.experiment.session import Session, resumable
@@ -49,6 +50,12 @@ def sweep(
     overrides: Overrides = None,
     store: Store = STORE,
     as_json: AsJson = False,
+    seeds: Annotated[
+        str,
+        typer.Option(
+            help="Training seeds such as 0,1,2 in place of those of the sweep file.",
+        ),
+    ] = "",
     dry_run: Annotated[
         bool,
         typer.Option(
@@ -61,7 +68,7 @@ def sweep(
     Prints a table per sweep, writes it to STORE/sweeps/ID/, and brings MLflow up to date.
     """
     with resumable():
-        _run(files, preset, overrides, store, as_json, dry_run)
+        _run(files, preset, overrides, store, as_json, dry_run, seeds)
 
 
 def _run(
@@ -71,11 +78,14 @@ def _run(
     store: Path,
     as_json: bool,
     dry_run: bool,
+    seeds: str,
 ) -> None:
     from dmfc.sweep.planner import plan_sweep
-    from dmfc.sweep.sweep_file import load_sweep
+    from dmfc.sweep.sweep_file import load_sweep, with_seeds
 
     sweeps = [load_sweep(name) for name in files]
+    if seeds:
+        sweeps = [with_seeds(item, _numbers(seeds)) for item in sweeps]
     session = Session.open(preset, overrides, store)
     plans = [
         plan_sweep(item, session.builder, preset, overrides or [], session.ledger)
@@ -96,6 +106,13 @@ def _run(
         typer.echo(f"Browse the runs: dmfc ui{store_option}")
     if not driven.complete:
         raise typer.Exit(1)
+
+
+def _numbers(text: str) -> list[int]:
+    try:
+        return [int(item) for item in text.split(",")]
+    except ValueError:
+        raise DmfcError(f"--seeds wants whole numbers such as 0,1,2, not '{text}'") from None
 
 
 @sweep_app.command("status")

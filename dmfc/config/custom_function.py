@@ -1,4 +1,4 @@
-"""`file.py:function`: a custom function in a file, as settings and selectors name it."""
+"""`file.py:function` or `file.py:Class`: what a setting or selector names in a user's file."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from dmfc.files.digest import bytes_digest
 
 @dataclass(frozen=True)
 class CustomFunction:
-    """A function that is there, found without running anything of its file."""
+    """A function, or a class, that is there, found without running anything of its file."""
 
     file: Path
     name: str
@@ -49,9 +49,25 @@ def custom_function(text: str, where: str) -> CustomFunction:
 
     Raises DmfcError where there is no such file or it does not define such a function.
     """
+    return _found(text, where, ast.FunctionDef, "function")
+
+
+def custom_class(text: str, where: str) -> CustomFunction:
+    """The class that `text` names, `file.py:Class`; as `custom_function`."""
+    return _found(text, where, ast.ClassDef, "Class")
+
+
+def is_custom(text: str) -> bool:
+    """Whether a setting names something in a user's file."""
+    return text.partition(":")[0].endswith(".py")
+
+
+def _found(
+    text: str, where: str, kind: type[ast.FunctionDef | ast.ClassDef], what: str
+) -> CustomFunction:
     file_name, _, name = text.partition(":")
     if not file_name.endswith(".py") or not name:
-        raise DmfcError(f"{where}: '{text}' is not of the form file.py:function")
+        raise DmfcError(f"{where}: '{text}' is not of the form file.py:{what}")
     file = Path(file_name).expanduser().absolute()
     try:
         content = file.read_bytes()
@@ -60,7 +76,8 @@ def custom_function(text: str, where: str) -> CustomFunction:
         raise DmfcError(f"{where}: cannot read {file}: {error.strerror}") from error
     except (SyntaxError, ValueError) as error:
         raise DmfcError(f"{where}: {file} is not Python: {' '.join(str(error).split())}") from error
-    defined = [node.name for node in tree.body if isinstance(node, ast.FunctionDef)]
+    defined = [node.name for node in tree.body if isinstance(node, kind)]
     if name not in defined:
-        raise DmfcError(f"{where}: {unknown_name(f'function of {file_name}', name, defined)}")
+        what = what.lower()
+        raise DmfcError(f"{where}: {unknown_name(f'{what} of {file_name}', name, defined)}")
     return CustomFunction(file, name, bytes_digest(content))

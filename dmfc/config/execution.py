@@ -12,7 +12,14 @@ from dmfc.config.setting import GREATEST_SEED, KEYS_VERSION, setting
 class ExecutionConfig:
     protocol: str = setting(
         "default",
-        "Settings that hold in execution alone: default, dexgraspbench, or a YAML file.",
+        "Settings that hold in execution alone: default, dexgraspbench, six_directions, or a YAML "
+        "file.",
+    )
+    test: str = setting(
+        "lift",
+        "Motion and success test: lift (docs/execution.md), six_directions, or file.py:Class. A "
+        "protocol sets it.",
+        later=KEYS_VERSION,
     )
     changes: dict[str, Any] = setting(
         {},

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from dmfc.config.setting import setting
+from dmfc.config.setting import KEYS_VERSION, setting
 
 WIDEST = 16_384
 """Most features of a layer."""
@@ -13,6 +13,14 @@ WIDEST = 16_384
 
 @dataclass(frozen=True)
 class NetworkConfig:
+    backbone: str = setting(
+        "pointnet2",
+        "What makes features of seed points from the cloud: pointnet2, dgcnn, pointnet, or "
+        "file.py:Class (docs/extend.md). levels[0] is the number of seed points of each; dgcnn "
+        "uses neighbours[0] and the widths of abstraction; pointnet those of abstraction[0] and "
+        "global_widths.",
+        later=KEYS_VERSION,
+    )
     levels: list[int] = setting(
         [512, 128, 32],
         "Points left by each set abstraction; a global abstraction follows. The first number is "

@@ -22,6 +22,12 @@ class RolloutsConfig:
     shards: int = setting(0, "Number of shards of such scenes.", least=0, greatest=5000)
     min_objects: int = setting(3, "Fewest objects of a scene of several.", least=1, greatest=100)
     max_objects: int = setting(5, "Most objects of a scene of several.", least=1, greatest=100)
+    source: Literal["predictions", "labels"] = setting(
+        "predictions",
+        "Grasps that are executed: the model's predictions, or planned labels moved by errors "
+        "such as a network makes (labels: what is learned is then off-policy).",
+        later=KEYS_VERSION,
+    )
     uniform: int = setting(
         5,
         "Number of grasps of a scene drawn at random among those clear of the cloud.",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from dmfc.config.setting import GREATEST_SEED, setting
+from dmfc.config.setting import GREATEST_SEED, KEYS_VERSION, setting
 
 NOISE = "Standard deviation of depth, along the camera's ray."
 DROPPED = "Share of the points that are lost; other points are repeated in their place."
@@ -13,14 +13,92 @@ CAMERA_SHIFT = "Standard deviation of each camera's assumed position, along each
 CAMERA_TURN = "Standard deviation of each camera's assumed orientation, about each axis."
 
 
+QUANTUM = "Step in which distance along the camera's ray is measured; 0: none."
+
+
 @dataclass(frozen=True)
-class SensorConfig:
-    """Errors of the depth cameras. All zero: exact depth, from where the cameras stand."""
+class PointErrorsConfig:
+    """Errors of single points of a cloud. All zero: exact, from where the cameras stand."""
 
     noise: float = setting(0.0, NOISE, unit="m", least=0, greatest=0.1)
     dropped: float = setting(0.0, DROPPED, least=0, greatest=0.99)
     camera_shift: float = setting(0.0, CAMERA_SHIFT, unit="m", least=0, greatest=0.1)
     camera_turn: float = setting(0.0, CAMERA_TURN, unit="rad", least=0, greatest=1)
+    quantum: float = setting(0.0, QUANTUM, unit="m", least=0, greatest=0.1, later=KEYS_VERSION)
+
+    @property
+    def in_points(self) -> bool:
+        """Whether points of the cloud have errors of their own."""
+        errors = (self.noise, self.dropped, self.camera_shift, self.camera_turn, self.quantum)
+        return any(errors)
+
+
+@dataclass(frozen=True)
+class SensorConfig(PointErrorsConfig):
+    """Errors of the depth cameras, and of the masks that cut the objects out of their images."""
+
+    bleeding: int = setting(
+        0,
+        "Distance from a depth edge within which an object's pixels have a random mix of both "
+        "depths; 0: edges are sharp.",
+        unit="pixels",
+        least=0,
+        greatest=50,
+        later=KEYS_VERSION,
+    )
+    grazing: float = setting(
+        0.0,
+        "Angle a between ray and surface under which points are lost, with probability 1 - angle "
+        "/ a; 0: none.",
+        unit="rad",
+        least=0,
+        greatest=1.57,
+        later=KEYS_VERSION,
+    )
+    cameras: list[int] = setting(
+        [0, 1, 2, 3],
+        "The cameras that are there: 0 at the +x side of the table, then +y, -x, -y.",
+        least=0,
+        greatest=3,
+        later=KEYS_VERSION,
+    )
+    crop: float = setting(
+        0.0,
+        "Share of each image's width and height that is cut off, half of it at each side.",
+        least=0,
+        greatest=0.95,
+        later=KEYS_VERSION,
+    )
+    table: float = setting(
+        0.0,
+        "Share of the cloud's points that lie on the table, within 5 cm of the objects: it was "
+        "not removed there.",
+        least=0,
+        greatest=0.9,
+        later=KEYS_VERSION,
+    )
+    mask: int = setting(
+        0,
+        "Pixels by which the objects' masks are too wide, so that they take in table; negative: "
+        "too narrow.",
+        unit="pixels",
+        least=-50,
+        greatest=50,
+        later=KEYS_VERSION,
+    )
+
+    @property
+    def in_images(self) -> bool:
+        """Whether the images, or the masks, have errors."""
+        errors = (self.bleeding, self.grazing, self.crop, self.table, self.mask)
+        return any(errors) or sorted(self.cameras) != [0, 1, 2, 3]
+
+    def __post_init__(self) -> None:
+        """Raises ValueError where no camera is left, or one is named twice."""
+        if not self.cameras or len(set(self.cameras)) < len(self.cameras):
+            raise ValueError(
+                f"scenes sensor.cameras must name at least one camera, each once: {self.cameras}"
+            )
 
 
 @dataclass(frozen=True)
@@ -40,7 +118,7 @@ class SceneSetConfig:
         greatest=GREATEST_SEED,
     )
     sensor: SensorConfig = setting(
-        SensorConfig, "Errors of the cameras, fixed in the clouds of the set."
+        SensorConfig, "Errors of the cameras and masks, fixed in the clouds of the set."
     )
 
 
@@ -107,7 +185,7 @@ class MatchingConfig:
 
 
 @dataclass(frozen=True)
-class AugmentationConfig(SensorConfig):
+class AugmentationConfig(PointErrorsConfig):
     """Random changes of a training scene in every epoch; test scenes are not changed."""
 
     yaw: bool = setting(True, "Turn the scene about the vertical by a random angle.")
@@ -126,8 +204,7 @@ class AugmentationConfig(SensorConfig):
     @property
     def nothing(self) -> bool:
         """Whether all of it is off: then clouds and seeds are the same in every epoch."""
-        errors = (self.noise, self.dropped, self.camera_shift, self.camera_turn)
-        return not (self.yaw or self.shift or any(errors))
+        return not (self.yaw or self.shift or self.in_points)
 
 
 @dataclass(frozen=True)

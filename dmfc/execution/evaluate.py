@@ -27,8 +27,8 @@ from dmfc.execution.candidates import (
 from dmfc.execution.columns import grasp_columns
 from dmfc.execution.diversity import diversity
 from dmfc.execution.outcome import Outcome
+from dmfc.execution.protocol_test import ProtocolTest, Setup, open_test
 from dmfc.execution.selection import Levels, Selection, select
-from dmfc.execution.trial import TrialRunner
 from dmfc.execution.trial_files import DIVERSITY, TRIALS
 from dmfc.grasps.grasp_set import GraspSet
 from dmfc.hand.description import HandDescription
@@ -40,7 +40,6 @@ from dmfc.objects.model import ObjectModel
 from dmfc.outcome.features import FeatureMaker, SeededGrasps
 from dmfc.outcome.head import HeadJudge
 from dmfc.outcome.judge import Judge
-from dmfc.physics.world import World
 from dmfc.prediction.cloud_check import CloudCheck
 from dmfc.scenes.labels import HandAtGrasps, surviving_labels
 from dmfc.scenes.scene_set import Scene, SceneSet
@@ -49,8 +48,6 @@ Source = Literal["model", "planner", "random", "method", "answers"]
 Method = Callable[[Scene], Answered]
 """Somebody else's method: a scene -> what it answered, or why it did not."""
 Progress = Callable[[float, str], None]
-TABLE_SIZE = 2.0
-"""Side of the table that pictures show, metres; for contacts it has no end."""
 
 
 @dataclass(frozen=True)
@@ -171,11 +168,20 @@ class Evaluation:
         """Of grasps against what is seen of a scene."""
         return CloudCheck(self.hand, self.config)
 
-    def open(self, scene: Scene, *, visual: bool = False) -> TrialRunner:
-        """The simulation of a scene, its objects at rest on the table."""
+    def open(self, scene: Scene, *, visual: bool = False) -> ProtocolTest:
+        """What executes and judges grasps in a scene, its objects at rest on the table."""
         models = [self.objects[name] for name in scene.object_ids]
-        world = World(self.description, models, self.physics, table_size=TABLE_SIZE, visual=visual)
-        return TrialRunner(world, self.hand, scene.T_world_object, self.config)
+        return open_test(
+            Setup(
+                self.hand,
+                self.description,
+                models,
+                scene.T_world_object,
+                self.physics,
+                self.config,
+                visual,
+            )
+        )
 
     def trials(self, scene: Scene, candidates: GraspCandidates) -> Iterator[dict[str, Any]]:
         """K rows of one scene; the simulation is reset before every grasp.

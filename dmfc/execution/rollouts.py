@@ -14,14 +14,20 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 from dmfc.config.outcome import RolloutsConfig
 from dmfc.execution.candidates import GraspCandidates
 from dmfc.execution.columns import grasp_columns
 from dmfc.execution.evaluate import Evaluation, Progress
+from dmfc.hand.model import HandModel
+from dmfc.outcome.features import GRIP
 from dmfc.scenes.scene_set import Scene
 
 ROLLOUTS = "rollouts.parquet"
+POSITION_ERROR, TURN_ERROR, JOINT_ERROR = 0.008, np.deg2rad(10), 0.1
+"""Of a network: metres, rad, rad."""
 CHUNK = 32
 """Grasps that are checked against the cloud at a time, until enough are found."""
 
@@ -49,6 +55,8 @@ def _scene_rows(
     evaluation: Evaluation, config: RolloutsConfig, scene: Scene
 ) -> Iterator[dict[str, Any]]:
     proposed = evaluation.proposals(scene)
+    if config.source == "labels":
+        proposed = shaken(proposed, scene, evaluation.hand, config.seed)
     choices = choose(evaluation, config, scene, proposed)
     runner = evaluation.open(scene)
     trial = 0
@@ -66,6 +74,39 @@ def _scene_rows(
                 **outcome.row(),
             }
             trial += 1
+
+
+def shaken(
+    labels: GraspCandidates, scene: Scene, hand: HandModel, seed: int, count: int = 256
+) -> GraspCandidates:
+    """So many grasps that are labels moved by up to twice the errors of a network.
+
+    Each has a seed point, the observed one that is nearest to where its hand grips, and no
+    confidence.
+    """
+    if not len(labels):
+        return labels
+    generator = np.random.default_rng([seed, scene.scene])
+    moved = labels[generator.integers(len(labels), size=count)]
+    scale = generator.uniform(0, 2, size=(count, 1))
+
+    def error(size: float, columns: int) -> np.ndarray:
+        """Normally distributed, of this length on average in three dimensions."""
+        return scale * size / np.sqrt(3) * generator.normal(size=(count, columns))
+
+    turn = Rotation.from_rotvec(error(TURN_ERROR, 3)).as_matrix()
+    joints = scale * JOINT_ERROR * generator.normal(size=moved.joints.shape)
+    rotation = turn @ moved.rotation
+    position = moved.position + error(POSITION_ERROR, 3)
+    grip = position + rotation @ (hand.palm_reference + GRIP * hand.palm_normal)
+    return dataclasses.replace(
+        moved,
+        position=position,
+        rotation=rotation,
+        joints=np.clip(moved.joints + joints, hand.lower, hand.upper),
+        confidence=np.full(count, np.nan),
+        seed_point=cKDTree(scene.points).query(grip)[1],
+    )
 
 
 def choose(

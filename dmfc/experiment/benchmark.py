@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from dmfc.engine.stage import Stage
     from dmfc.methods.ask import Answered
     from dmfc.methods.observation import Observation
+    from dmfc.scenes.scene_set import SceneSet
 
 ROW = "method"
 """What the row of a method is called where nobody names it."""
@@ -26,12 +27,18 @@ def observations(session: Session) -> list[Observation]:
     from dmfc.methods.observation import observe
 
     hand_stage = session.builder.hand(session.config)
-    shards = _test_shards(session)
-    require(session.make([hand_stage, *shards]), [hand_stage, *shards])
+    require(session.make([hand_stage]), [hand_stage])
     hand = load_hand(session.ledger.verified(hand_stage.address), session.config.closing)
-    scenes = load_scenes([session.ledger.verified(shard.address) for shard in shards])
+    scenes = test_scenes(session)
     manifest = scenes.manifests[0]
     return [observe(scene, hand, manifest) for scene in scenes]
+
+
+def test_scenes(session: Session) -> SceneSet:
+    """The test scenes of a session, made where they are missing."""
+    shards = _test_shards(session)
+    require(session.make(shards), shards)
+    return load_scenes([session.ledger.verified(shard.address) for shard in shards])
 
 
 def _test_shards(session: Session) -> list[Stage]:

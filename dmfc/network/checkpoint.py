@@ -25,10 +25,13 @@ _BROKEN = (OSError, AttributeError, ValueError, SafetensorError, OmegaConfBaseEx
 """What reading a folder raises that holds no trained network."""
 
 
-def new_network(config: NetworkConfig, hand: HandModel) -> DmfcGraspNet:
-    """An untrained network for `hand`, float32, with weights from torch's current random state."""
+def new_network(config: NetworkConfig, hand: HandModel, folder: Path | None = None) -> DmfcGraspNet:
+    """An untrained network for `hand`, float32, with weights from torch's current random state.
+
+    `folder`: see `DmfcGraspNet`.
+    """
     limits = _inside(hand.lower, np.inf), _inside(hand.upper, -np.inf)
-    return DmfcGraspNet(config, *limits, _centre(config, hand))
+    return DmfcGraspNet(config, *limits, _centre(config, hand), folder=folder)
 
 
 def load_network(folder: Path, hand: HandModel) -> DmfcGraspNet:
@@ -40,7 +43,7 @@ def load_network(folder: Path, hand: HandModel) -> DmfcGraspNet:
     try:
         stored = OmegaConf.load(folder / CONFIG)
         trained_hand = stored.hand
-        net = new_network(_network_config(stored), hand)
+        net = new_network(_network_config(stored), hand, folder)
     except _BROKEN as error:
         raise DmfcError(f"{folder} holds no trained network: {one_line(error)}") from error
     if trained_hand != hand.name:
@@ -59,7 +62,7 @@ def load_alone(folder: Path) -> tuple[DmfcGraspNet, str]:
         tensors = _tensors(folder)
         buffers = [tensors[name].float() for name in ("lower", "upper", "centre")]
         stored = OmegaConf.load(folder / CONFIG)
-        net = DmfcGraspNet(_network_config(stored), *buffers)
+        net = DmfcGraspNet(_network_config(stored), *buffers, folder=folder)
         net.load_state_dict(tensors)
         hand = str(stored.hand)
     except (*_BROKEN, KeyError, RuntimeError) as error:

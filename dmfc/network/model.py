@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import torch
 from torch import Tensor, nn
@@ -11,7 +12,7 @@ from dmfc.config.network import NetworkConfig
 from dmfc.errors import DmfcError
 from dmfc.geometry.points import farthest_points, take_points
 from dmfc.geometry.rotations import matrix_from_6d
-from dmfc.network.pointnet2 import Neighbourhoods, PointNet2
+from dmfc.network.backbones import make_backbone, require_features
 from dmfc.network.rows import RowLayers, row_layers
 
 HEIGHT_UNIT_M = 0.1  # heights enter in units of it, so that they are of the size of 1
@@ -69,7 +70,7 @@ class Prediction:
 
 
 class DmfcGraspNet(nn.Module):
-    """PointNet++ and four heads.
+    """A backbone (the paper: PointNet++) and four heads.
 
     `lower`, `upper`: the hand's joint limits `[J]`, rad; `centre` `[3]`: the point of the hand that
     offsets lead to, palm frame, metres (the palm's origin if not given).
@@ -80,14 +81,21 @@ class DmfcGraspNet(nn.Module):
     centre: Tensor
 
     def __init__(
-        self, config: NetworkConfig, lower: Tensor, upper: Tensor, centre: Tensor | None = None
+        self,
+        config: NetworkConfig,
+        lower: Tensor,
+        upper: Tensor,
+        centre: Tensor | None = None,
+        *,
+        folder: Path | None = None,
     ) -> None:
+        """`folder`: of a trained model, which has its own copy of a backbone in a user's file."""
         super().__init__()
         self.config = config
         self.register_buffer("centre", torch.zeros(3) if centre is None else centre.clone())
         self.register_buffer("lower", lower.clone())
         self.register_buffer("upper", upper.clone())
-        self.backbone = PointNet2(config)
+        self.backbone = make_backbone(config, folder)
         identity = torch.tensor([1.0, 0.0, 0.0, 0.0, 1.0, 0.0])
         self.offset_head = grasp_head(config, torch.zeros(3))
         self.rotation_head = grasp_head(config, identity)
@@ -108,9 +116,10 @@ class DmfcGraspNet(nn.Module):
                 f"{self.config.levels[0]} (network.levels)"
             )
         centred = points - points.mean(1, keepdim=True)
-        geometry = Neighbourhoods.of(centred, seed_index, self.config)
-        height = points[..., 2].reshape(-1, 1) / HEIGHT_UNIT_M
-        rows = self.backbone(geometry, height if self.config.height_feature else None)
+        height = points[..., 2:] / HEIGHT_UNIT_M if self.config.height_feature else None
+        features = self.backbone(centred, seed_index, height)
+        require_features(features, seed_index, self.config)
+        rows = features.flatten(0, 1)
 
         def per_seed(head: nn.Sequential) -> Tensor:
             return head(rows).view(*seed_index.shape, -1)

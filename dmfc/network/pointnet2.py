@@ -105,10 +105,11 @@ class FeaturePropagation(nn.Module):
 
 
 class PointNet2(nn.Module):
-    """Cloud -> `config.features` features per seed point, `[B*m, features]`."""
+    """Cloud -> `config.features` features per seed point (see `dmfc.network.backbones`)."""
 
     def __init__(self, config: NetworkConfig) -> None:
         super().__init__()
+        self.config = config
         inputs = 1 if config.height_feature else 0
         fine = [inputs, *(widths[-1] for widths in config.abstraction)]
         self.down = nn.ModuleList(
@@ -124,8 +125,13 @@ class PointNet2(nn.Module):
             self.up.append(FeaturePropagation(coarse, fine[-1 - step], layers))
             coarse = layers[-1]
 
-    def forward(self, geometry: Neighbourhoods, features: Tensor | None) -> Tensor:
-        """`features`: `[B*N, 1]` heights where the configuration asks for them, else None."""
+    def forward(self, points: Tensor, seed_index: Tensor, height: Tensor | None) -> Tensor:
+        geometry = Neighbourhoods.of(points, seed_index, self.config)
+        rows = self.rows(geometry, None if height is None else height.reshape(-1, 1))
+        return rows.view(*seed_index.shape, -1)
+
+    def rows(self, geometry: Neighbourhoods, features: Tensor | None) -> Tensor:
+        """`[B*m, features]`. `features`: `[B*N, 1]` heights where there are some, else None."""
         levels: list[Tensor] = []
         for level, abstraction in enumerate(self.down):
             fine, coarse = geometry.positions[level : level + 2]

@@ -26,6 +26,8 @@ from dmfc.outcome.trials import Trials
 
 Progress = Callable[[float, str], None]
 CHECKPOINT = "last.ckpt"
+NEVER = 1e9
+"""Scale of a feature that no trial has: it is 0 whatever it is."""
 
 
 def fit(
@@ -92,7 +94,8 @@ def _normalise(net: OutcomeNet, features: np.ndarray) -> None:
         warnings.simplefilter("ignore", RuntimeWarning)  # a feature that is never known
         mean, scale = np.nanmean(features, 0), np.nanstd(features, 0)
     net.mean.copy_(torch.from_numpy(np.nan_to_num(mean)))
-    net.scale.copy_(torch.from_numpy(np.maximum(np.nan_to_num(scale, nan=1.0), 1e-6)))
+    # What was never known in training must not matter later, where it may be known.
+    net.scale.copy_(torch.from_numpy(np.maximum(np.nan_to_num(scale, nan=NEVER), 1e-6)))
 
 
 @torch.no_grad()

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dmfc.config.custom_function import custom_function
+from dmfc.config.custom_function import custom_class, custom_function, is_custom
 from dmfc.config.execution import ExecutionConfig
 from dmfc.config.losses import LossWeights
 from dmfc.config.protocol import executed
@@ -20,7 +20,7 @@ from dmfc.engine.stage import Stage, without
 from dmfc.errors import DmfcError
 from dmfc.files.digest import file_digest
 from dmfc.hand.approach import Approach
-from dmfc.network.model_files import WEIGHTS
+from dmfc.network.model_files import BACKBONE, WEIGHTS
 from dmfc.pipeline.graph_data import DataGraph, Inputs, of_every_scene
 from dmfc.pipeline.graph_method import method_settings
 from dmfc.pipeline.graph_outcome import judge
@@ -145,11 +145,15 @@ class GraphBuilder(DataGraph):
             "execution": _in_units(under),
             "physics": under.physics,
         }
+        if is_custom(under.execution.test):
+            settings["custom_test"] = custom_class(under.execution.test, "execution.test").digest
         if method is not None:
             own, hints = method_settings(method)
             settings |= own
         if checkpoint:
             settings["weights"] = file_digest(checkpoint / WEIGHTS)
+            if (checkpoint / BACKBONE).is_file():
+                settings["backbone"] = file_digest(checkpoint / BACKBONE)
             hints["weights"] = str(checkpoint)
         inputs: Inputs = {
             "hand": self.hand(config),
@@ -184,8 +188,13 @@ class GraphBuilder(DataGraph):
 
     def _learning(self, config: Config) -> dict[str, Any]:
         """Settings that both stages of training depend on; validation where there is any."""
-        validation = {"validation": config.validation} if config.validation.objects else {}
-        return validation | {
+        more: dict[str, Any] = {}
+        if config.validation.objects:
+            more["validation"] = config.validation
+        if is_custom(config.network.backbone):
+            backbone = custom_class(config.network.backbone, "network.backbone")
+            more["custom_backbone"] = {config.network.backbone: backbone.digest}
+        return more | {
             "hand": config.hand,
             "network": config.network,
             "matching": config.matching,

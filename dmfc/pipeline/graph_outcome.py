@@ -7,6 +7,7 @@ import hashlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dmfc.config.custom_function import custom_class, is_custom
 from dmfc.config.protocol import executed
 from dmfc.config.scenes import SceneSetConfig
 from dmfc.config.schema import Config
@@ -16,6 +17,7 @@ from dmfc.files.digest import file_digest
 from dmfc.network.model_files import WEIGHTS
 from dmfc.outcome.files import FEATURES_VERSION
 from dmfc.outcome.files import WEIGHTS as JUDGE
+from dmfc.pipeline.graph_data import Inputs, of_every_scene
 
 if TYPE_CHECKING:
     from dmfc.pipeline.graph import GraphBuilder
@@ -71,8 +73,8 @@ def rollouts(builder: GraphBuilder, config: Config, proposer: Stage | Path) -> t
         for obj in objects:
             start = _first_scene(obj.name)
             numbers = range(start, start + chosen.per_object)
-            given = _shard(builder, config, proposer, alone, scenes, numbers)
-            made.append(builder.stage("rollouts", obj.name, *_with(given, (obj,))))
+            given = _shard(builder, config, proposer, alone, scenes, numbers, (obj,))
+            made.append(builder.stage("rollouts", obj.name, *given))
     for shard in range(chosen.shards if chosen.clutter else 0):
         scenes = SceneSetConfig(
             kind="multi",
@@ -82,8 +84,8 @@ def rollouts(builder: GraphBuilder, config: Config, proposer: Stage | Path) -> t
             max_objects=chosen.max_objects,
         )
         numbers = range(shard * chosen.clutter, (shard + 1) * chosen.clutter)
-        given = _shard(builder, config, proposer, alone, scenes, numbers)
-        made.append(builder.stage("rollouts", f"clutter:{shard}", *_with(given, objects)))
+        given = _shard(builder, config, proposer, alone, scenes, numbers, objects)
+        made.append(builder.stage("rollouts", f"clutter:{shard}", *given))
     return tuple(made)
 
 
@@ -99,11 +101,13 @@ def _shard(
     chosen: Any,
     scenes: SceneSetConfig,
     numbers: range,
+    objects: tuple[Stage, ...],
 ) -> tuple[dict[str, Any], Inputs, dict[str, str]]:
-    """Settings, inputs without the objects, and hints of a shard."""
+    """Settings, inputs and hints of a shard."""
     under = executed(config)
+    labels = chosen.source == "labels"
     settings: dict[str, Any] = {
-        "row": "model",
+        "row": "planner" if labels else "model",
         "hand": under.hand,
         "closing": under.closing,
         "execution": without(under.execution, *SELECTION),
@@ -114,18 +118,17 @@ def _shard(
         "start": numbers.start,
         "stop": numbers.stop,
     }
-    inputs: Inputs = {"hand": builder.hand(config)}
+    if is_custom(under.execution.test):
+        settings["custom_test"] = custom_class(under.execution.test, "execution.test").digest
+    inputs: Inputs = {"hand": builder.hand(config), "objects": objects}
+    if labels:
+        settings["labels"] = of_every_scene(config)
+        grasps = tuple(builder.grasps_of(config, obj) for obj in objects)
+        return settings, {**inputs, "grasps": grasps}, {}
     if isinstance(proposer, Path):
         settings["weights"] = file_digest(proposer / WEIGHTS)
         return settings, inputs, {"weights": str(proposer)}
     return settings, {**inputs, "model": proposer}, {}
-
-
-def _with(
-    given: tuple[dict[str, Any], Inputs, dict[str, str]], objects: tuple[Stage, ...]
-) -> tuple[dict[str, Any], Inputs, dict[str, str]]:
-    settings, inputs, hints = given
-    return settings, {**inputs, "objects": objects}, hints
 
 
 def judge(
@@ -152,6 +155,11 @@ def outcome(builder: GraphBuilder, config: Config, proposer: Stage | Path) -> St
     if config.outcome.form == "head":
         if isinstance(proposer, Path):
             settings["weights"], hints = file_digest(proposer / WEIGHTS), {"weights": str(proposer)}
+        elif is_custom(config.network.backbone):
+            raise DmfcError(
+                "outcome.form=head keeps no copy of a backbone of your own (network.backbone): "
+                "take outcome.form=features"
+            )
         else:
             inputs = {**inputs, "model": proposer}
     return builder.stage("outcome", f"seed {config.training.seed}", settings, inputs, hints)

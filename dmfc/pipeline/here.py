@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import functools
 import platform
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from dmfc.engine.context import StageContext
 from dmfc.engine.stage import Stage
@@ -58,6 +58,34 @@ def require_same(what: str, found: str, planned: str) -> None:
             f"{what} is not the same on {platform.node()} as where the stage was planned (has it "
             "changed since? run the same line again)"
         )
+
+
+def check_custom_losses(digests: Mapping[str, str]) -> None:
+    """Raises MachineError where the file of a user's loss is not that of the stage's key."""
+    from dmfc.config.custom_function import custom_function
+
+    for text, digest in digests.items():
+        found = custom_function(text, "losses.custom").digest
+        require_same(f"losses.custom: the file of '{text}'", found, digest)
+
+
+def check_custom_backbone(digests: Mapping[str, str]) -> None:
+    """Raises MachineError where the file of a user's backbone is not that of the stage's key."""
+    from dmfc.config.custom_function import custom_class
+
+    for text, digest in digests.items():
+        found = custom_class(text, "network.backbone").digest
+        require_same(f"network.backbone: the file of '{text}'", found, digest)
+
+
+def check_custom_test(config: Mapping[str, Any]) -> None:
+    """Raises MachineError where the file of a user's test is not that of the stage's key."""
+    from dmfc.config.custom_function import custom_class
+
+    if "custom_test" in config:
+        text = config["execution"].test
+        found = custom_class(text, "execution.test").digest
+        require_same(f"execution.test: the file of '{text}'", found, config["custom_test"])
 
 
 def source_here(ctx: StageContext) -> ObjectSource:

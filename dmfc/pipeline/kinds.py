@@ -47,7 +47,7 @@ KINDS: Registry = registry(
     ),
     StageKind(
         "pretrain",
-        "dmfc.pipeline.stages:pretrain",
+        "dmfc.pipeline.stages_training:pretrain",
         version=4,
         effort=effort.of_training("pretrain"),
         sized_by="scenes",
@@ -56,7 +56,7 @@ KINDS: Registry = registry(
     ),
     StageKind(
         "finetune",
-        "dmfc.pipeline.stages:finetune",
+        "dmfc.pipeline.stages_training:finetune",
         version=4,
         effort=effort.of_training("finetune"),
         sized_by="scenes",

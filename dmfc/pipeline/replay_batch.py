@@ -8,7 +8,7 @@ from typing import Any
 from dmfc.engine.ledger import Ledger
 from dmfc.engine.stage import Stage
 from dmfc.pipeline.replay import input_folders
-from dmfc.pipeline.stages import training_geometry
+from dmfc.pipeline.stages_training import training_geometry
 
 
 def batch_stages(training: Stage) -> dict[str, Stage | tuple[Stage, ...]]:

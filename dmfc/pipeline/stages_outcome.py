@@ -31,6 +31,8 @@ def rollouts(ctx: StageContext) -> None:
         ctx.out / SCENES,
     )
     inputs: dict[str, Path | list[Path]] = {**ctx.inputs, "scenes": ctx.out, "objects": objects}
+    if "labels" in ctx.config:
+        inputs["grasps"] = present(ctx.input_list("grasps"))
     evaluation = evaluation_of(ctx.config, inputs, ctx.hints)
     roll_out(evaluation, ctx.config["rollouts"], ctx.out, ctx.progress)
 

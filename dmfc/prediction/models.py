@@ -12,7 +12,7 @@ from pathlib import Path
 
 from dmfc.errors import DmfcError, unknown_name
 from dmfc.files.atomic import write_bytes, write_text
-from dmfc.network.model_files import CONFIG, WEIGHTS
+from dmfc.network.model_files import BACKBONE, CONFIG, WEIGHTS
 
 SHIPPED = Path(__file__).resolve().parents[1] / "models"
 CARD, DEFAULT = "README.md", "default.txt"
@@ -65,7 +65,8 @@ def export_model(stage: Path, out: Path, default: bool = False, measured: str = 
         raise DmfcError(f"{stage / WEIGHTS} has {size:.1f} MB; shipped are at most {LARGEST_MB} MB")
     card = model_card(stage, out.name, measured)
     out.mkdir(parents=True, exist_ok=True)
-    for name in (WEIGHTS, CONFIG):
+    files = (WEIGHTS, CONFIG, BACKBONE) if (stage / BACKBONE).is_file() else (WEIGHTS, CONFIG)
+    for name in files:
         write_bytes(out / name, (stage / name).read_bytes())
     write_text(out / CARD, card)
     if default:

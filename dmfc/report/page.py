@@ -27,6 +27,7 @@ from dmfc.report.figure import draw_rates
 from dmfc.report.formats import method_cells, method_head, p_text, paper_text, rate_text, seed_text
 from dmfc.report.left_out import left_out_line
 from dmfc.report.outputs import note_outputs
+from dmfc.report.over import draw_over
 from dmfc.report.rates import Rate
 from dmfc.report.table import NAMES, SweepTable, TableRow
 from dmfc.report.trial_figure import draw_trials
@@ -125,6 +126,8 @@ def draw_figures(ledger: Ledger, sweep: SweepRecord, table: SweepTable) -> list[
     if table.trials:
         draw_trials(table.trials, folder / "search.png")
         drawn.append(("Trials of the search: objective by setting", folder / "search.png"))
+    if draw_over(table, sweep, folder / "over.png"):
+        drawn.append(("The overall rate over single settings", folder / "over.png"))
     if draw_curves(ledger, sweep, folder / "curves.png"):
         drawn.append((CURVES_CAPTION, folder / "curves.png"))
     note_outputs(folder, [path.name for _, path in drawn])

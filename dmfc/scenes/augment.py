@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from dmfc.config.scenes import AugmentationConfig, SensorConfig
+from dmfc.config.scenes import AugmentationConfig, PointErrorsConfig
 
 
 def sensor_errors(
-    config: SensorConfig,
+    config: PointErrorsConfig,
     points: np.ndarray,
     normals: np.ndarray,
     point_camera: np.ndarray,
@@ -23,6 +23,7 @@ def sensor_errors(
     """
     centre = camera_positions[point_camera]
     points = points + depth_noise(config, points - centre, generator)
+    points = in_steps(config, points, centre)
     if config.camera_turn == 0 and config.camera_shift == 0:
         return points, normals
     count = len(camera_positions)
@@ -34,14 +35,25 @@ def sensor_errors(
 
 
 def depth_noise(
-    config: SensorConfig, rays: np.ndarray, generator: np.random.Generator
+    config: PointErrorsConfig, rays: np.ndarray, generator: np.random.Generator
 ) -> np.ndarray:
     """Gaussian error of depth along the rays [N, 3] from the camera: [N, 3], metres."""
     length = np.linalg.norm(rays, axis=1, keepdims=True)
     return config.noise * generator.standard_normal((len(rays), 1)) * rays / length
 
 
-def kept_points(config: SensorConfig, count: int, generator: np.random.Generator) -> np.ndarray:
+def in_steps(config: PointErrorsConfig, points: np.ndarray, centre: np.ndarray) -> np.ndarray:
+    """Points [N, 3] whose distance from their camera `centre` [N, 3] is a multiple of `quantum`."""
+    if config.quantum == 0:
+        return points
+    ray = points - centre
+    length = np.linalg.norm(ray, axis=1, keepdims=True)
+    return centre + ray * np.rint(length / config.quantum) * config.quantum / length
+
+
+def kept_points(
+    config: PointErrorsConfig, count: int, generator: np.random.Generator
+) -> np.ndarray:
     """Indices [N] in random order, where the dropped ones are replaced by repeats of others.
 
     The order is random in every epoch, so that the seed points, which begin at point 0, differ too.

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from dmfc.config.scenes import ScenesConfig, SceneSetConfig, SensorConfig
+from dmfc.config.scenes import ScenesConfig, SceneSetConfig
+from dmfc.engine.stage import plain
 from dmfc.errors import DmfcError
 from dmfc.grasps.grasp_set import GraspSet
 from dmfc.hand.model import HandModel
@@ -20,11 +21,17 @@ from dmfc.scenes.layout import make_layout
 from dmfc.scenes.placement import CollisionWorld
 from dmfc.scenes.scene_set import Scene, write_shard
 from dmfc.sensing.cameras import table_cameras
-from dmfc.sensing.cloud import Cloud, fuse_views
+from dmfc.sensing.cloud import Cloud, fuse_pixels, fuse_views
+from dmfc.sensing.depth import object_pixels
+from dmfc.sensing.image_errors import observed_views, seen_at_an_angle, with_table
 from dmfc.sensing.render import CameraView, Renderer, open_renderer
 
 Progress = Callable[[float, str], None]
-_CLOUD, _SENSOR = 3, 4  # random streams of a scene, beside those of `dmfc.scenes.layout`
+_CLOUD, _SENSOR, _IMAGES = (
+    3,
+    4,
+    5,
+)  # random streams of a scene, beside those of `dmfc.scenes.layout`
 
 
 def make_scene_file(
@@ -53,7 +60,8 @@ def make_scene_file(
             progress(done / len(numbers), f"scene {number}")
         renderer = maker.renderer.name
     manifest = {
-        "set": _without(scenes, "count"),
+        # As in keys: a setting that came later is there where it is not at its default.
+        "set": {name: value for name, value in plain(scenes).items() if name != "count"},
         "scenes": _without(config, "train", "test", "shard_size", "augmentation"),
         "numbers": [numbers.start, numbers.stop],
         "renderer": renderer,
@@ -95,10 +103,9 @@ class SceneMaker:
         views = self.views(models, T_world_object)
         seeds = np.random.SeedSequence(self.scenes.seed, spawn_key=(_CLOUD, number))
         generator = np.random.default_rng(seeds)
-        cloud = fuse_views(
-            views, self.cameras, models, T_world_object, self.config.points, generator
+        cloud = self._observed(
+            self._fused(views, models, T_world_object, number, generator), number
         )
-        cloud = self._observed(cloud, number)
         if self._grasps is None or self._hand is None:
             none = np.zeros(0)
             labels = Labels(none.astype(np.uint8), none.astype(np.int32), dict.fromkeys(REASONS, 0))
@@ -112,10 +119,30 @@ class SceneMaker:
             **_fields(labels),
         )
 
+    def _fused(
+        self,
+        views: Sequence[CameraView],
+        models: Sequence[ObjectModel],
+        T_world_object: np.ndarray,
+        number: int,
+        generator: np.random.Generator,
+    ) -> Cloud:
+        """The cloud of the images, with the errors that the set's cameras have in them."""
+        sensor, count = self.scenes.sensor, self.config.points
+        if not sensor.in_images:
+            return fuse_views(views, self.cameras, models, T_world_object, count, generator)
+        seeds = np.random.SeedSequence(self.scenes.seed, spawn_key=(_IMAGES, number))
+        errors = np.random.default_rng(seeds)
+        views = observed_views(sensor, views, errors)
+        given = (self.cameras, models, T_world_object)
+        pixels = seen_at_an_angle(sensor, object_pixels(views), *given, errors)
+        cloud = fuse_pixels(pixels, *given, count, generator)
+        return with_table(sensor, cloud, views, self.cameras, errors)
+
     def _observed(self, cloud: Cloud, number: int) -> Cloud:
         """The cloud with the errors of the set's cameras."""
         sensor = self.scenes.sensor
-        if sensor == SensorConfig():
+        if not sensor.in_points:
             return cloud
         seeds = np.random.SeedSequence(self.scenes.seed, spawn_key=(_SENSOR, number))
         generator = np.random.default_rng(seeds)

@@ -43,10 +43,22 @@ def fuse_views(
 
     T_world_object: [k, 4, 4]. Raises DmfcError if no object is in sight.
     """
-    pixels = object_pixels(views)
+    return fuse_pixels(object_pixels(views), cameras, objects, T_world_object, count, generator)
+
+
+def fuse_pixels(
+    pixels: ObjectPixels,
+    cameras: Sequence[Camera],
+    objects: Sequence[ObjectModel],
+    T_world_object: np.ndarray,
+    count: int,
+    generator: np.random.Generator,
+) -> Cloud:
+    """As `fuse_views`, from the pixels that show an object."""
     if len(pixels) == 0:
         raise DmfcError(
-            "no object is in sight of any camera (settings scenes.cameras, scenes.spawn_radius)"
+            "no object is in sight of any camera (settings scenes.cameras, scenes.spawn_radius, "
+            "sensor.* of the set)"
         )
     chosen = pixels[choose(len(pixels), count, generator)]
     points, normals = surface(chosen, cameras, objects, T_world_object)

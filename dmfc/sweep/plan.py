@@ -96,6 +96,7 @@ class SweepPlan:
             preset=preset_title(self.preset),
             baseline=self.sweep.baseline,
             show=tuple(self.sweep.show),
+            over=tuple(self.sweep.over),
             cells=tuple(_cell_record(plan) for plan in self.cells),
             stages={stage.address: stage.name for stage in closure(self._last)},
             search=self.search,

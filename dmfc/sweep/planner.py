@@ -9,7 +9,7 @@ from dmfc.engine.ledger import Ledger
 from dmfc.pipeline.graph import GraphBuilder
 from dmfc.sweep.plan import SweepPlan, plan_cell
 from dmfc.sweep.search_plan import SearchPlanner
-from dmfc.sweep.sweep_file import Sweep
+from dmfc.sweep.sweep_file import Sweep, seeds_of
 
 
 def plan_sweep(
@@ -28,7 +28,7 @@ def plan_sweep(
         return SearchPlanner(sweep, builder, preset, overrides, ledger).now()
     cells = [
         plan_cell(sweep, cell, seed, builder, preset, overrides)
-        for seed in sweep.seeds
+        for seed in seeds_of(sweep, preset)
         for cell in sweep.cells
     ]
     return SweepPlan(sweep, preset, tuple(cells))

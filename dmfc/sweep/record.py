@@ -14,6 +14,7 @@ from dmfc.files.sealed import DamagedError, read_sealed, write_sealed
 SWEEP = "sweep.json"
 VERSION = 2
 """Since which it holds its own digest."""
+_PERHAPS = ("search", "over")
 
 
 @dataclass(frozen=True)
@@ -96,6 +97,8 @@ class SweepRecord:
     stages: Mapping[str, str]
     """Address -> name of every stage, inputs of inputs too."""
     search: SearchRecord | None = None
+    over: tuple[str, ...] = ()
+    """Settings over which the figure shows the rate."""
 
     @property
     def targets(self) -> tuple[str, ...]:
@@ -103,9 +106,9 @@ class SweepRecord:
         return tuple(dict.fromkeys(address for cell in self.cells for address in cell.stages))
 
     def to_json(self) -> dict[str, Any]:
-        """As it is written; `search` is left out of a sweep that is none."""
+        """As it is written; `search` and `over` are left out of a sweep that has none."""
         values = {**dataclasses.asdict(self), "version": VERSION}
-        return {name: value for name, value in values.items() if name != "search" or value}
+        return {name: value for name, value in values.items() if name not in _PERHAPS or value}
 
     def save(self, folder: Path) -> None:
         """Write `sweep.json` into the sweep's folder, which is made."""
@@ -137,9 +140,9 @@ class SweepRecord:
             raise ValueError(f"version {version}, not {VERSION}")
         cells = tuple(_cell(cell) for cell in rest.pop("cells"))
         search = rest.pop("search", None)
-        show = tuple(rest.pop("show"))
+        show, over = tuple(rest.pop("show")), tuple(rest.pop("over", ()))
         found = None if search is None else _search(search)
-        return cls(cells=cells, search=found, show=show, **rest)
+        return cls(cells=cells, search=found, show=show, over=over, **rest)
 
 
 def _cell(values: Mapping[str, Any]) -> CellRecord:

@@ -14,7 +14,7 @@ from dmfc.pipeline.graph import GraphBuilder
 from dmfc.sweep.plan import CellPlan, SweepPlan, plan_cell
 from dmfc.sweep.record import SWEEP, VERSION, SearchRecord, SweepRecord
 from dmfc.sweep.search import Settings, objective_of, suggest
-from dmfc.sweep.sweep_file import BEST, Cell, Sweep, cell_config
+from dmfc.sweep.sweep_file import BEST, Cell, Sweep, cell_config, seeds_of
 
 
 class SearchPlanner:
@@ -34,6 +34,7 @@ class SearchPlanner:
         assert sweep.search is not None
         self._sweep, self._search, self._ledger = sweep, sweep.search, ledger
         self._builder, self._preset, self._overrides = builder, preset, overrides
+        self._seeds = seeds_of(sweep, preset)
         self._made: dict[tuple[str, int, str], CellPlan] = {}
         self._fixed = self._cells(sweep.cells)
         config = self._fixed[0].config
@@ -42,7 +43,7 @@ class SearchPlanner:
         self._wanted = config.run.search_trials or self._search.trials
         # All that a trial depends on but its own settings; not how many trials there will be.
         searched = plain(dataclasses.replace(self._search, trials=0))
-        base = [cell_config(sweep, Cell("", "", ""), s, preset, overrides) for s in sweep.seeds]
+        base = [cell_config(sweep, Cell("", "", ""), s, preset, overrides) for s in self._seeds]
         self._identity = [searched, [builder.finetune(config, "").key for config in base]]
 
     def now(self) -> SweepPlan:
@@ -84,7 +85,7 @@ class SearchPlanner:
         return self._search.objective
 
     def _cells(self, cells: Sequence[Cell]) -> tuple[CellPlan, ...]:
-        return tuple(self._cell(cell, seed) for seed in self._sweep.seeds for cell in cells)
+        return tuple(self._cell(cell, seed) for seed in self._seeds for cell in cells)
 
     def _cell(self, cell: Cell, seed: int) -> CellPlan:
         key = cell.name, seed, cell.label

@@ -5,7 +5,7 @@
     base: {scenes.test.kind: single}
     presets:
       full: {scenes.train.count: 1000}
-    seeds: [0]
+    seeds: {full: [0, 1, 2]}   # of that preset, and [0] of all others; or one list for all
     table: {baseline: all, show: [success, overall]}
     cells:
       all:
@@ -21,7 +21,8 @@ executed as it is: a shipped one's name, or a folder; or a method: a shipped one
 `file.py:function`. `matrix` (see `dmfc.sweep.matrix`) adds combinations to the cells or stands in
 their place; `kind: search` with a `search` (see `dmfc.sweep.search`) adds trials as they are
 suggested.
-`table` says which rates are shown and with which cell the others are compared.
+`table` says which rates are shown, with which cell the others are compared, and over which settings
+a figure shows the overall rate (`over`).
 """
 
 from __future__ import annotations
@@ -34,19 +35,21 @@ from pathlib import Path
 from typing import Any
 
 from dmfc.config.load import (
+    all_keys,
     build_config,
     checked,
     parse_override,
 )
 from dmfc.config.plain_yaml import read_yaml
 from dmfc.config.presets import Presets, preset_layers, preset_names
+from dmfc.config.ranges import all_types
 from dmfc.config.schema import Config
-from dmfc.config.setting import GREATEST_SEED
 from dmfc.config.shipped import check_renamed, shipped_file
 from dmfc.errors import DmfcError, unknown_name
 from dmfc.sweep.matrix import MOST_CELLS, expand
 from dmfc.sweep.models import source_of
 from dmfc.sweep.search import Search, parse_search
+from dmfc.sweep.seeds import parse_seeds, seed_list
 from dmfc.sweep.yaml_checks import mapping, only_keys, shortened, text
 
 RATES = ("valid", "success", "overall")
@@ -84,12 +87,15 @@ class Sweep:
     title: str
     base: Mapping[str, Any]
     presets: Mapping[str, Mapping[str, Any]]
-    seeds: tuple[int, ...]
+    seeds: Mapping[str, tuple[int, ...]]
+    """By preset; '' of those that are not named."""
     cells: tuple[Cell, ...]
     baseline: str
     """The cell with which others are compared."""
     show: tuple[str, ...] = RATES
     """Rates that the table shows."""
+    over: tuple[str, ...] = ()
+    """Settings over which a figure shows the overall rate."""
     search: Search | None = None
 
 
@@ -111,14 +117,14 @@ def load_sweep(name: str) -> Sweep:
     if search and (BEST in taken or any(name.startswith("trial-") for name in taken)):
         raise DmfcError(f"{path}: 'best' and 'trial-...' are the cells that a search adds")
     table = mapping(values.get("table") or {}, f"{path}: table")
-    only_keys(table, ("baseline", "show"), f"{path}: table")
+    only_keys(table, ("baseline", "show", "over"), f"{path}: table")
     names = [cell.name for cell in cells]
     baseline = str(table.get("baseline", names[0]))
     if baseline not in names:
         raise DmfcError(f"{path}: table: {unknown_name('baseline', baseline, names)}")
-    seeds = _seeds(values.get("seeds", [0]), f"{path}: seeds")
-    if len(seeds) * len(cells) > MOST_CELLS:
-        count = len(seeds) * len(cells)
+    seeds = parse_seeds(values.get("seeds", [0]), f"{path}: seeds")
+    count = max(map(len, seeds.values())) * len(cells)
+    if count > MOST_CELLS:
         raise DmfcError(f"{path}: {count:,} cells and seeds, more than {MOST_CELLS:,}")
     return Sweep(
         path=path,
@@ -130,6 +136,7 @@ def load_sweep(name: str) -> Sweep:
         cells=(*cells, *rows),
         baseline=baseline,
         show=_shown(table.get("show"), f"{path}: table"),
+        over=_over(table.get("over"), f"{path}: table"),
         search=search,
     )
 
@@ -248,6 +255,17 @@ def _shown(given: Any, where: str) -> tuple[str, ...]:
     return tuple(given)
 
 
+def _over(given: Any, where: str) -> tuple[str, ...]:
+    """Dotted keys of settings that are numbers."""
+    if not isinstance(given or [], list):
+        raise DmfcError(f"{where}: over wants a list of settings, not {shortened(given)}")
+    for key in given or []:
+        if all_keys().get(key, dict) is not None or all_types()[key] not in (int, float):
+            numbers = [name for name, kind in all_types().items() if kind in (int, float)]
+            raise DmfcError(f"{where}: over: {unknown_name('number', str(key), numbers)}")
+    return tuple(given or ())
+
+
 def _presets(given: Any, where: str) -> dict[str, Mapping[str, Any]]:
     for name in mapping(given, where):
         check_renamed("configs", str(name), f"{where}: preset")
@@ -264,16 +282,17 @@ def _settings(given: Any, where: str) -> Mapping[str, Any]:
     return values
 
 
-def _seeds(given: Any, where: str) -> tuple[int, ...]:
-    good = isinstance(given, list) and given
-    if not good or not all(type(seed) is int and 0 <= seed <= GREATEST_SEED for seed in given):
-        raise DmfcError(
-            f"{where}: wants a list of whole numbers such as [0, 1], up to {GREATEST_SEED}, "
-            f"not {shortened(given)}"
-        )
-    if len(set(given)) < len(given):
-        raise DmfcError(f"{where}: a seed is given twice in {shortened(given)}")
-    return tuple(given)
+def seeds_of(sweep: Sweep, presets: Presets | None) -> tuple[int, ...]:
+    """The seeds of a sweep under its presets: those of the last one that it names seeds for."""
+    names = [Path(name).stem for name in preset_names(presets)]
+    return next(
+        (sweep.seeds[name] for name in reversed(names) if name in sweep.seeds), sweep.seeds[""]
+    )
+
+
+def with_seeds(sweep: Sweep, seeds: Sequence[int]) -> Sweep:
+    """The sweep at these seeds, whatever its presets. Raises DmfcError on an odd list."""
+    return dataclasses.replace(sweep, seeds={"": seed_list(list(seeds), "seeds")})
 
 
 def _name(given: Any, where: str) -> str:

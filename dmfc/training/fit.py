@@ -17,11 +17,12 @@ from lightning.pytorch.callbacks import Checkpoint
 from omegaconf import OmegaConf
 from safetensors.torch import save_file
 
+from dmfc.config.custom_function import custom_class, is_custom
 from dmfc.errors import DmfcError
-from dmfc.files.atomic import write_text
+from dmfc.files.atomic import write_bytes, write_text
 from dmfc.hand.model import HandModel
 from dmfc.network.checkpoint import load_weights, new_network, require_finite
-from dmfc.network.model_files import CONFIG, METRICS, SUMMARY, WEIGHTS
+from dmfc.network.model_files import BACKBONE, CONFIG, METRICS, SUMMARY, WEIGHTS
 from dmfc.objects.atlas import ObjectAtlas
 from dmfc.training.batch import Batch
 from dmfc.training.diagnostics import Diagnostics
@@ -131,6 +132,9 @@ def _write(
     require_finite(state, f"the weights after {stage}")
     save_file(state, out / WEIGHTS)
     _write_metrics(out / METRICS, module)
+    if is_custom(config.network.backbone):
+        source = custom_class(config.network.backbone, "network.backbone").file
+        write_bytes(out / BACKBONE, source.read_bytes())
     described = OmegaConf.create({"version": VERSION, "stage": stage, "hand": hand.name})
     settings = OmegaConf.to_container(OmegaConf.structured(config))
     OmegaConf.save(OmegaConf.merge(described, settings), out / CONFIG)

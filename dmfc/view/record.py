@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from dmfc.execution.candidates import GraspCandidates
-from dmfc.execution.trial import TrialRunner
+from dmfc.execution.protocol_test import ProtocolTest
 from dmfc.hand.model import HandModel
 from dmfc.physics.world import World
 from dmfc.view.data import Motion, link_poses
 
 
 class Recorder:
-    """An observer of `TrialRunner.run`."""
+    """An observer of `ProtocolTest.run`."""
 
     def __init__(self, start: float) -> None:
         """`start`: the simulation's time when the trial begins, s."""
@@ -32,7 +32,7 @@ class Recorder:
 
 
 def record_trial(
-    runner: TrialRunner, hand: HandModel, candidates: GraspCandidates, trial: int, name: str
+    runner: ProtocolTest, hand: HandModel, candidates: GraspCandidates, trial: int, name: str
 ) -> Motion:
     """Run a trial and write it down. Without a frame where the grasp could not be planned.
 

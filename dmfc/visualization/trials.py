@@ -10,7 +10,8 @@ from PIL import Image
 
 from dmfc.execution.candidates import GraspCandidates
 from dmfc.execution.outcome import Outcome
-from dmfc.execution.trial import LOOK, TrialRunner
+from dmfc.execution.protocol_test import ProtocolTest
+from dmfc.execution.trial import LOOK
 from dmfc.physics.world import World
 from dmfc.visualization.simulation import Camera, strip
 
@@ -35,7 +36,7 @@ DETAILED: Moments = {
 
 
 def trial_strip(
-    runner: TrialRunner,
+    runner: ProtocolTest,
     candidates: GraspCandidates,
     trial: int,
     *,

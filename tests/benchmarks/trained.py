@@ -13,10 +13,12 @@ from dmfc.hand.model import HandModel
 from dmfc.network.checkpoint import load_network
 from dmfc.network.model import DmfcGraspNet
 from dmfc.objects.atlas import ObjectAtlas
+from dmfc.pipeline.artifacts import GRASPS, SCENES
 from dmfc.pipeline.graph import GraphBuilder
 from dmfc.pipeline.replay import input_folders
 from dmfc.pipeline.selection import list_refs
-from dmfc.pipeline.stages import GRASPS, SCENES, present, training_geometry
+from dmfc.pipeline.stages import present
+from dmfc.pipeline.stages_training import training_geometry
 from dmfc.scenes.scene_set import SceneSet
 from dmfc.training.batch import Batch, collate
 from dmfc.training.data import SceneDataset

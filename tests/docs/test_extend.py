@@ -56,10 +56,11 @@ def test_the_loss_is_the_squared_depth_below_one_centimetre(folder):
 
 def test_the_sweep_names_all_of_it(folder):
     sweep = load_sweep("my_sweep.yaml")
-    assert [cell.name for cell in sweep.cells] == ["four", "five", "planner", "random"]
+    assert [cell.name for cell in sweep.cells] == ["four", "five", "nearest", "planner", "random"]
     four, five = (cell_config(sweep, cell, 0, "smoke", []) for cell in sweep.cells[:2])
     assert four.hand.name == "claw.yaml"
     assert four.losses.custom == {}
+    assert four.network.backbone == "pointnet2"
     assert five.losses.custom == {"my_losses.py:off_table": 1.0}
     assert five.losses.weights == four.losses.weights
 
@@ -71,7 +72,7 @@ def test_the_commands_run_as_printed(folder):
     assert "and off the table" in told
     (rows,) = (folder / "store" / "sweeps").glob("own-*/trials.parquet")
     trials = pd.read_parquet(rows)
-    assert set(trials["cell"]) == {"four", "five", "planner", "random"}
+    assert set(trials["cell"]) == {"four", "five", "nearest", "planner", "random"}
     assert set(trials["object"]) - {""} == {"procedural/box-0000"}  # "": no candidate there
     metrics = [
         path.read_text() for path in (folder / "store").glob("stages/finetune/*/metrics.jsonl")

@@ -7,10 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pytest
+from scipy.spatial.transform import Rotation
 
 from dmfc.config.outcome import RolloutsConfig
 from dmfc.execution.evaluate import Evaluation
 from dmfc.execution.rollouts import ROLLOUTS, choose, roll_out
+from dmfc.execution.rollouts import shaken as shaken_labels
 from dmfc.geometry.transforms import transform
 from dmfc.outcome.features import FeatureMaker
 from dmfc.outcome.trials import grasps_of, read_trials
@@ -43,6 +46,27 @@ def test_the_choice_is_clear_confident_refused_and_never_twice(planner: Evaluati
     assert choose(planner, CONFIG, scene, grasps) == found
     other = choose(planner, dataclasses.replace(CONFIG, seed=7), scene, grasps)
     assert other["uniform"] != found["uniform"]
+
+
+def test_labels_are_moved_by_the_errors_of_a_network(planner: Evaluation) -> None:
+    scene = planner.scenes[0]
+    labels = planner.proposals(scene)
+    one = labels[np.zeros(1, dtype=int)]
+    found = shaken_labels(one, scene, planner.hand, 3, count=4000)
+    assert np.isnan(found.confidence).all()
+    assert (found.object_index == one.object_index[0]).all()
+    # Lengths of errors whose scale is uniform up to twice: the mean scale is 1.
+    shift = np.linalg.norm(found.position - one.position, axis=1)
+    turn = Rotation.from_matrix(found.rotation @ one.rotation[0].T).magnitude()
+    chi = np.sqrt(8 / (3 * np.pi))  # mean length of three normal numbers of variance 1 / 3
+    assert shift.mean() == pytest.approx(0.008 * chi, rel=0.05)
+    assert turn.mean() == pytest.approx(np.deg2rad(10) * chi, rel=0.05)
+    free = (found.joints > planner.hand.lower + 0.3) & (found.joints < planner.hand.upper - 0.3)
+    assert np.abs(found.joints - one.joints)[free].max() < 1.0
+    assert (found.seed_point >= 0).all()
+    again = shaken_labels(one, scene, planner.hand, 3, count=4000)
+    np.testing.assert_array_equal(found.position, again.position)
+    assert len(shaken_labels(labels[:0], scene, planner.hand, 3)) == 0
 
 
 def test_rows_are_of_the_grasps_that_were_executed(planner: Evaluation, tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from dmfc.files.digest import file_digest
 from dmfc.grasps.library import library_file
 from dmfc.pipeline.graph import GraphBuilder, without
 from dmfc.pipeline.graph_data import ObjectRef
-from dmfc.pipeline.stages import check_custom_losses
+from dmfc.pipeline.here import check_custom_backbone, check_custom_losses
 from dmfc.prediction.models import model_folder
 from dmfc.sweep.planner import plan_sweep
 from dmfc.sweep.sweep_file import load_sweep
@@ -336,3 +336,27 @@ def test_labels_of_the_library_stay_with_the_scenes():
         assert [stage.name for stage in shard.inputs["grasps"]] == ["ycb/mug", "ycb/banana"]
         evaluation = builder.cell(config, model, "c").evaluations[0]
         assert "labels" not in evaluation.config
+
+
+def test_the_file_of_a_backbone_is_part_of_what_is_trained(builder, tmp_path):
+    """And of nothing before it; the name of the default leaves the keys as they were."""
+    file = tmp_path / "net.py"
+    file.write_text("class Mine: ...\n")
+    override = f"network.backbone={file}:Mine"
+    trained = {"pretrain", "finetune", "evaluate"}
+    assert changed(builder, override) == trained
+    before = keys(builder, override)
+    digests = builder.pretrain(load_config("smoke", [override])).config["custom_backbone"]
+    check_custom_backbone(digests)
+    file.write_text("class Mine: ...\n\n")
+    after = keys(builder, override)
+    assert {kind for kind in before if before[kind] != after[kind]} == trained
+    with pytest.raises(DmfcError, match="is not the same"):
+        check_custom_backbone(digests)
+    assert changed(builder, "network.backbone=pointnet2") == set()
+    assert changed(builder, "network.backbone=dgcnn") == trained
+    with pytest.raises(DmfcError, match=r"unknown class of .* 'Mne'; did you mean 'Mine'"):
+        keys(builder, f"network.backbone={file}:Mne")
+    judged = ["execution.score=outcome", "outcome.form=head", f"network.backbone={file}:Mine"]
+    with pytest.raises(DmfcError, match="keeps no copy of a backbone"):
+        builder.cell(load_config("smoke", judged), "pretrained", "x")

@@ -67,6 +67,24 @@ def test_a_setting_reruns_what_depends_on_it(
         assert different == changed
 
 
+def test_trials_of_labels_depend_on_no_model(builder: GraphBuilder) -> None:
+    labels = "outcome.rollouts.source=labels"
+    found = stages(builder, labels)
+    assert found["rollouts"].isdisjoint(stages(builder)["rollouts"])
+    other = stages(builder, labels, "training.seed=5")
+    assert found["pretrain"].isdisjoint(other["pretrain"])
+    assert found["rollouts"] == other["rollouts"]
+    planned = stages(builder, labels, "grasps.per_object=7")
+    assert found["rollouts"].isdisjoint(planned["rollouts"])
+
+
+def test_a_retrained_head_depends_on_the_model(builder: GraphBuilder) -> None:
+    head = "outcome.form=head"
+    found, features = stages(builder, head), stages(builder)
+    assert found["rollouts"] == features["rollouts"]
+    assert found["outcome"] != features["outcome"]
+
+
 def test_clutter_adds_shards_of_scenes_of_all_objects(builder: GraphBuilder) -> None:
     alone = stages(builder)
     both = stages(builder, "outcome.rollouts.clutter=5", "outcome.rollouts.shards=3")
@@ -120,12 +138,14 @@ def test_the_threshold_in_units_of_w5_is_the_same_rule_for_every_w5(builder: Gra
     assert least(relative, "losses.weights.confidence=1") == pytest.approx(0.15)
 
 
-def test_table_three_has_one_set_of_rollouts_for_all_its_rows(builder: GraphBuilder) -> None:
+def test_table_three_has_one_set_of_rollouts_for_all_rows_but_the_one_off_policy(
+    builder: GraphBuilder,
+) -> None:
     from dmfc.sweep.planner import plan_sweep
     from dmfc.sweep.sweep_file import load_sweep
 
     plan = plan_sweep(load_sweep("outcome"), builder, "smoke")
     counts = Counter(stage.kind for stage in closure(plan.targets))
-    assert counts["outcome"] == 2  # logistic regression, and the network
-    assert counts["rollouts"] == 4  # two objects of each of two selectors
+    assert counts["outcome"] == 4  # logistic regression, head, network, network off-policy
+    assert counts["rollouts"] == 8  # two objects of each of two selectors, twice
     assert counts["pretrain"] == 0

@@ -99,5 +99,5 @@ def test_other_trials_cannot_be_compared() -> None:
     held = np.ones((3, 4), dtype=bool)
     with pytest.raises(DmfcError, match="not of the same scenes"):
         compare(rows(held), rows(held[:2]))
-    with pytest.raises(DmfcError, match="there twice"):
+    with pytest.raises(DmfcError, match="in the rows twice"):
         compare(pd.concat([rows(held), rows(held)]), rows(held))

@@ -8,8 +8,8 @@ from dmfc.config.shipped import shipped_names
 from dmfc.errors import DmfcError
 from dmfc.pipeline.graph import GraphBuilder
 from dmfc.sweep.planner import plan_sweep
-from dmfc.sweep.sweep_file import cell_config, load_sweep
-from tests.support.fake_science import fake_refs
+from dmfc.sweep.sweep_file import cell_config, load_sweep, seeds_of, with_seeds
+from tests.support.fake_science import FAKES, fake_refs
 
 CELL = "cells:\n  a: {model: pretrained}\n"
 A_LOT = list(range(500))
@@ -187,3 +187,31 @@ def test_a_cell_may_execute_a_trained_model_as_it_is(tmp_path):
     assert one.stages.model is None
     assert [s.key for s in one.stages.evaluations] == [s.key for s in two.stages.evaluations]
     assert "weights" in one.stages.evaluations[0].config
+
+
+def test_seeds_may_be_by_preset(tmp_path):
+    path = tmp_path / "s.yaml"
+    path.write_text("seeds: {full: [0, 1, 2]}\n" + CELL)
+    sweep = load_sweep(str(path))
+    assert seeds_of(sweep, "full") == (0, 1, 2)
+    assert seeds_of(sweep, ["full", "literal"]) == (0, 1, 2)
+    assert seeds_of(sweep, "smoke") == seeds_of(sweep, None) == (0,)
+    assert seeds_of(with_seeds(sweep, [3, 4]), "full") == (3, 4)
+    with pytest.raises(DmfcError, match="a seed is given twice"):
+        with_seeds(sweep, [1, 1])
+    path.write_text("seeds: {full: [0, 0]}\n" + CELL)
+    with pytest.raises(DmfcError, match=r"seeds\.full: a seed is given twice"):
+        load_sweep(str(path))
+
+
+@pytest.mark.parametrize("name", ["table1", "table2", "loss_combinations", "outcome"])
+def test_tables_of_full_size_have_three_seeds_and_seed_0_is_what_it_was(name):
+    sweep = load_sweep(name)
+    assert seeds_of(sweep, "full") == (0, 1, 2)
+    assert seeds_of(sweep, "quick") == (0,)
+    builder = GraphBuilder(fake_refs, FAKES)
+    three = plan_sweep(sweep, builder, "full")
+    alone = plan_sweep(with_seeds(sweep, [0]), builder, "full")
+    keys = {(plan.cell.name, plan.seed): plan.identity for plan in three.cells}
+    assert len(keys) == 3 * len(alone.cells)
+    assert all(keys[plan.cell.name, 0] == plan.identity for plan in alone.cells)
