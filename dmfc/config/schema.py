@@ -52,6 +52,11 @@ class Config:
                     f"{name}.min_objects ({scenes.min_objects}) must not be above "
                     f"{name}.max_objects ({scenes.max_objects})"
                 )
+            cameras = scenes.sensor.cameras
+            if not cameras or any(cameras.count(camera) > 1 for camera in cameras):
+                raise ValueError(
+                    f"{name}.sensor.cameras must name at least one camera, each once: {cameras}"
+                )
         seeds = self.network.levels[0]
         if seeds > self.scenes.points:
             raise ValueError(
