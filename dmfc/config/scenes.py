@@ -93,13 +93,6 @@ class SensorConfig(PointErrorsConfig):
         errors = (self.bleeding, self.grazing, self.crop, self.table, self.mask)
         return any(errors) or sorted(self.cameras) != [0, 1, 2, 3]
 
-    def __post_init__(self) -> None:
-        """Raises ValueError where no camera is left, or one is named twice."""
-        if not self.cameras or len(set(self.cameras)) < len(self.cameras):
-            raise ValueError(
-                f"scenes sensor.cameras must name at least one camera, each once: {self.cameras}"
-            )
-
 
 @dataclass(frozen=True)
 class SceneSetConfig:

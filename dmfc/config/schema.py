@@ -52,6 +52,13 @@ class Config:
                     f"{name}.min_objects ({scenes.min_objects}) must not be above "
                     f"{name}.max_objects ({scenes.max_objects})"
                 )
+            cameras = scenes.sensor.cameras
+            known = [number for number in range(4) if cameras.count(number) == 1]
+            if not cameras or len(known) < len(cameras):
+                raise ValueError(
+                    f"{name}.sensor.cameras names cameras from 0 to 3, at least one, each once, "
+                    f"not {cameras}"
+                )
         seeds = self.network.levels[0]
         if seeds > self.scenes.points:
             raise ValueError(

@@ -14,7 +14,7 @@ from dmfc.errors import DmfcError
 
 
 def test_the_default_protocol_is_what_the_settings_say_but_for_the_squeeze() -> None:
-    assert set(shipped_names("protocols")) == {"default", "dexgraspbench"}
+    assert set(shipped_names("protocols")) == {"default", "dexgraspbench", "six_directions"}
     config = load_config("quick", ["physics.hand_friction=0.8"])
     squeezed = dataclasses.replace(config.closing, squeeze=0.5)
     assert executed(config) == dataclasses.replace(config, closing=squeezed)

@@ -37,6 +37,10 @@ MAY_BE_NEGATIVE = {
     "scenes.approach_tolerance",
     "network.offset_ahead",
     "losses.custom",
+    "scenes.train.sensor.mask",
+    "scenes.test.sensor.mask",
+    "validation.scenes.sensor.mask",
+    "outcome.rollouts.sensor.mask",
 }
 
 
