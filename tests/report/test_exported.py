@@ -15,6 +15,8 @@ from dmfc.pipeline.graph import GraphBuilder
 from dmfc.report.agreement import agreements
 from dmfc.report.collect import collect, read_sweep, table_of, write_table
 from dmfc.report.exported import export_table, read_table, write_formats
+from dmfc.report.formats import to_json
+from dmfc.report.markdown import texts
 from dmfc.report.page import draw_figures
 from dmfc.sweep.planner import plan_sweep
 from dmfc.sweep.sweep_file import load_sweep
@@ -107,3 +109,13 @@ def test_a_table_agrees_with_itself_and_not_with_another(stored, tmp_path: Path)
     assert all("other scenes" in one.line for one in fewer)
     with pytest.raises(DmfcError, match="no table 'other'"):
         agreements(ledger, tmp_path, ["other"])
+
+
+@pytest.mark.parametrize("name", ["quick/table1", "quick/table2", "table2"])
+def test_what_results_has_is_made_of_its_rows(name: str) -> None:
+    """Pictures and pages apart: those follow from the version of matplotlib, too."""
+    place = Path(__file__).parents[2] / "results" / f"{name}.trials.parquet"
+    table = read_table(place)
+    for suffix, text in texts(table).items():
+        assert place.with_name(f"{table.name}.{suffix}").read_text() == text
+    assert json.loads(place.with_name(f"{table.name}.json").read_text()) == to_json(table)
