@@ -53,11 +53,9 @@ class Config:
                     f"{name}.max_objects ({scenes.max_objects})"
                 )
             cameras = scenes.sensor.cameras
-            known = [number for number in range(4) if cameras.count(number) == 1]
-            if not cameras or len(known) < len(cameras):
+            if not cameras or any(cameras.count(camera) > 1 for camera in cameras):
                 raise ValueError(
-                    f"{name}.sensor.cameras names cameras from 0 to 3, at least one, each once, "
-                    f"not {cameras}"
+                    f"{name}.sensor.cameras must name at least one camera, each once: {cameras}"
                 )
         seeds = self.network.levels[0]
         if seeds > self.scenes.points:

@@ -37,10 +37,6 @@ MAY_BE_NEGATIVE = {
     "scenes.approach_tolerance",
     "network.offset_ahead",
     "losses.custom",
-    "scenes.train.sensor.mask",
-    "scenes.test.sensor.mask",
-    "validation.scenes.sensor.mask",
-    "outcome.rollouts.sensor.mask",
 }
 
 
@@ -63,7 +59,11 @@ def numbers_in(value: Any) -> Iterator[float]:
 
 
 def negative_allowed(key: str) -> bool:
-    return key in MAY_BE_NEGATIVE or (key.endswith(".retries") and key != "run.retries")
+    return (
+        key in MAY_BE_NEGATIVE
+        or key.endswith(".sensor.mask")
+        or (key.endswith(".retries") and key != "run.retries")
+    )
 
 
 def test_every_number_has_a_finite_range_and_its_default_lies_in_it() -> None:
