@@ -19,7 +19,10 @@ from pathlib import Path
 import numpy as np
 from safetensors.numpy import load_file
 
+from dmfc.engine.engine import run_stages
+from dmfc.experiment.session import Session
 from dmfc.network.model_files import WEIGHTS
+from dmfc.pipeline.kinds import KINDS
 
 DMFC = str(Path(sys.executable).with_name("dmfc"))
 EVERY = "all that is here"
@@ -71,8 +74,9 @@ def train(data: Path, name: str, epochs: int) -> tuple[np.ndarray, np.ndarray]:
 def main(store: Path, epochs: int) -> None:
     """A row per instruction set, after one epoch and after all."""
     data = store / "data"
-    line = [DMFC, "train", "--stage", "pretrain", *_settings(1)]
-    subprocess.run([*line, "--store", str(data)], check=True, stdout=subprocess.DEVNULL)
+    session = Session.open("smoke", [], data)
+    given = session.builder.pretrain(session.config).parents
+    run_stages(given, session.ledger, session.config, KINDS, local=True)
     ends = (1, epochs)
     heads = [f"loss, weights after {end * STEPS_PER_EPOCH} steps" for end in ends]
     print(f"| instruction set | {' | '.join(heads)} |\n|---|---|---|")

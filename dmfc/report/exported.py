@@ -23,12 +23,22 @@ from dmfc.pipeline.artifacts import TRIALS
 from dmfc.report.figure import draw_rates
 from dmfc.report.formats import to_json
 from dmfc.report.markdown import texts
-from dmfc.report.page import CURVES_CAPTION, RATES_CAPTION, Origin, as_text, origin_of, page_text
+from dmfc.report.page import (
+    CURVES_CAPTION,
+    OVER_CAPTION,
+    RATES_CAPTION,
+    Origin,
+    as_text,
+    origin_of,
+    page_text,
+)
 from dmfc.report.rates import COLUMNS
 from dmfc.report.table import NAMES, CellRows, SweepTable, make_table
 from dmfc.report.trials import SearchTrial
 from dmfc.sweep.record import SweepRecord
 
+KEPT = {"over.png": OVER_CAPTION, "curves.png": CURVES_CAPTION}
+"""Pictures that do not follow from rows alone: they are copied. By name, with their captions."""
 ROWS = f".{TRIALS}"
 """'.trials.parquet': the end of the name of exported trial rows."""
 
@@ -39,8 +49,9 @@ def export_table(ledger: Ledger, sweep: SweepRecord, table: SweepTable, folder: 
     folder.mkdir(parents=True, exist_ok=True)
     place = folder / f"{table.name}{ROWS}"
     shutil.copyfile(made / TRIALS, place)
-    if (made / "curves.png").is_file():
-        shutil.copyfile(made / "curves.png", _beside(place, "curves.png"))
+    for name in KEPT:
+        if (made / name).is_file():
+            shutil.copyfile(made / name, _beside(place, name))
     write_json(
         _beside(place, "provenance.json"), asdict(replace(origin_of(ledger, sweep), tracked={}))
     )
@@ -93,9 +104,8 @@ def write_formats(place: Path, table: SweepTable) -> list[Path]:
     write_json(about, to_json(table))
     draw_rates(table, picture)
     drawn = [(RATES_CAPTION, picture)]
-    curves = _beside(place, "curves.png")
-    if curves.is_file():
-        drawn.append((CURVES_CAPTION, curves))
+    kept = [(caption, _beside(place, name)) for name, caption in KEPT.items()]
+    drawn += [(caption, path) for caption, path in kept if path.is_file()]
     write_text(page, page_text(table, as_text(table, drawn), _origin(place, table)))
     return [*paths, about, picture, page]
 

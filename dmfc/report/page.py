@@ -40,6 +40,7 @@ MARKER = "tracked.json"
 UI = "http://127.0.0.1:5000"
 """Where `dmfc ui` serves runs that are in no server of their own."""
 RATES_CAPTION = "The rates with their 95 % intervals"
+OVER_CAPTION = "The overall rate over single settings"
 CURVES_CAPTION = "Training loss per epoch"
 CHANGES = 6
 """Settings named per cell; of more only the number."""
@@ -127,7 +128,7 @@ def draw_figures(ledger: Ledger, sweep: SweepRecord, table: SweepTable) -> list[
         draw_trials(table.trials, folder / "search.png")
         drawn.append(("Trials of the search: objective by setting", folder / "search.png"))
     if draw_over(table, sweep, folder / "over.png"):
-        drawn.append(("The overall rate over single settings", folder / "over.png"))
+        drawn.append((OVER_CAPTION, folder / "over.png"))
     if draw_curves(ledger, sweep, folder / "curves.png"):
         drawn.append((CURVES_CAPTION, folder / "curves.png"))
     note_outputs(folder, [path.name for _, path in drawn])

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
+from dmfc.config.load import load_config
 from dmfc.config.scenes import SceneSetConfig, SensorConfig
 from dmfc.engine.stage import plain
 from dmfc.errors import DmfcError
@@ -41,8 +42,9 @@ def test_exact_cameras_have_the_keys_and_records_that_they_had():
 
 def test_cameras_that_are_not_there_see_nothing(config, objects):
     assert set(made(config, objects, cameras=[2, 0]).point_camera) == {0, 2}
-    with pytest.raises(ValueError, match="at least one camera"):
-        SensorConfig(cameras=[])
+    for cameras in ("[]", "[1, 1]"):
+        with pytest.raises(DmfcError, match=r"scenes\.test\.sensor\.cameras .* each once"):
+            load_config("smoke", [f"scenes.test.sensor.cameras={cameras}"])
 
 
 def test_a_crop_keeps_the_middle_of_the_image(seen):
