@@ -94,9 +94,7 @@ def test_a_browser_shows_the_page_of_a_sweep(browser, finished):
     from dmfc.report.page import draw_figures, write_page
 
     figures = draw_figures(finished.ledger, finished.description, finished.table)
-    path = write_page(
-        finished.ledger, finished.description, finished.table, finished.cells, figures
-    )
+    path = write_page(finished.ledger, finished.description, finished.table, figures)
     browser.get(path.as_uri())
     assert browser.title == "A tiny sweep (smoke)"
     rows = browser.find_elements(By.CSS_SELECTOR, "#rates tbody tr")
