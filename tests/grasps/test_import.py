@@ -83,10 +83,10 @@ def test_what_was_imported_can_be_evaluated(session, folder, tmp_path):
     request = ImportRequest("dexgraspnet", [grasps], selector, scale=0.06)
     ((name, found),) = import_grasps(session, request).sets.items()
     found.save(tmp_path / "a.parquet")
-    _, files, selectors = _source(str(tmp_path))
-    assert files == {name: tmp_path / "a.parquet"}
-    assert selectors == [selector]
-    (stage,) = session.builder.selected_objects(session.config, selectors)
+    source = _source(str(tmp_path))
+    assert source.files == {name: tmp_path / "a.parquet"}
+    assert source.objects == [selector]
+    (stage,) = session.builder.selected_objects(session.config, source.objects)
     assert (stage.name, stage.config["digest"]) == (name, found.notes["object_digest"])
     found.save(tmp_path / "b.parquet")
     with pytest.raises(DmfcError, match=r"two grasp sets of .*a\.parquet and .*b\.parquet"):
