@@ -109,7 +109,7 @@ def test_grasps_of_low_confidence_are_not_executed(planner: Evaluation) -> None:
 def test_a_row_gets_what_it_needs_and_nothing_else(planner: Evaluation, row: str) -> None:
     with pytest.raises(DmfcError, match=f"'{row}'"):
         dataclasses.replace(planner, source=row)
-    with pytest.raises(DmfcError, match="row 'planner'"):
+    with pytest.raises(DmfcError, match="'planner'"):
         dataclasses.replace(planner, grasps=None)
 
 
