@@ -24,6 +24,7 @@ def judged_on(session: Session, outcome: Stage, predictor: Path) -> list[dict[st
     import numpy as np
 
     from dmfc.execution.rollouts import ROLLOUTS
+    from dmfc.outcome.files import refuse_learned
     from dmfc.outcome.judge import Judge
     from dmfc.outcome.trials import Trials, read_trials
     from dmfc.pipeline.artifacts import SCENES
@@ -32,6 +33,7 @@ def judged_on(session: Session, outcome: Stage, predictor: Path) -> list[dict[st
     judge = Judge.load(predictor)
     stages = outcome.inputs["rollouts"]
     assert isinstance(stages, tuple)
+    refuse_learned(predictor, [obj.name for obj in _objects(stages)], "outcome.objects")
     session.make(stages)
     found: dict[str, Trials] = {}
     for name in ("alone", "clutter"):
@@ -60,13 +62,19 @@ def _longest_sides(session: Session, stages: tuple[Stage, ...]) -> dict[str, flo
     from dmfc.pipeline.artifacts import load_object
 
     longest = {}
+    for obj in _objects(stages):
+        vertices = load_object(session.ledger.folder(obj.address)).vertices
+        longest[obj.name] = float((vertices.max(0) - vertices.min(0)).max())
+    return longest
+
+
+def _objects(stages: tuple[Stage, ...]) -> list[Stage]:
+    """The objects of stages of rollouts, each once."""
+    found: dict[str, Stage] = {}
     for stage in stages:
         objects = stage.inputs["objects"]
-        for obj in objects if isinstance(objects, tuple) else (objects,):
-            if obj.name not in longest:
-                vertices = load_object(session.ledger.folder(obj.address)).vertices
-                longest[obj.name] = float((vertices.max(0) - vertices.min(0)).max())
-    return longest
+        found |= {obj.name: obj for obj in (objects if isinstance(objects, tuple) else (objects,))}
+    return list(found.values())
 
 
 def _row(group: str, judge: Any, trials: Trials) -> dict[str, Any]:

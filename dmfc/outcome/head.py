@@ -9,7 +9,7 @@ from __future__ import annotations
 import copy
 import dataclasses
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -57,8 +57,8 @@ class HeadJudge:
             text = one_line(error)
             raise DmfcError(f"{folder} holds no retrained confidence head: {text}") from error
 
-    def save(self, found: Report, out: Path) -> None:
-        """Write its files, weights and what they are, into the folder `out`."""
+    def save(self, found: Report, out: Path, objects: Iterable[str] = ()) -> None:
+        """Write its files into the folder `out`; `objects`: what it learned from."""
         out.mkdir(parents=True, exist_ok=True)
         state = {k: v.detach().cpu().contiguous() for k, v in self.net.state_dict().items()}
         save_file(state, out / WEIGHTS)
@@ -68,6 +68,7 @@ class HeadJudge:
             "network": dataclasses.asdict(self.net.config),
             "calibration": [self.slope, self.shift],
             "unseen_objects": found.to_dict(),
+            "objects": sorted(objects),
         }
         write_json(out / ABOUT, about)
 

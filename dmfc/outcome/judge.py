@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -92,9 +92,17 @@ class Judge:
 
 
 def save_judge(
-    net: OutcomeNet, config: OutcomeConfig, hand: HandModel, report: Report, out: Path
+    net: OutcomeNet,
+    config: OutcomeConfig,
+    hand: HandModel,
+    report: Report,
+    out: Path,
+    objects: Iterable[str] = (),
 ) -> None:
-    """Write a judge's files, weights and what they are, into the folder `out`."""
+    """Write a judge's files, weights and what they are, into the folder `out`.
+
+    `objects`: what it learned from, which it is not to be tested on.
+    """
     out.mkdir(parents=True, exist_ok=True)
     state = {k: v.detach().cpu().contiguous() for k, v in net.state_dict().items()}
     shape = {HAND + k: torch.from_numpy(np.ascontiguousarray(getattr(hand, k))) for k in _ARRAYS}
@@ -107,6 +115,7 @@ def save_judge(
         "widths": list(config.widths),
         "members": net.members,
         "unseen_objects": report.to_dict(),
+        "objects": sorted(objects),
     }
     write_json(out / ABOUT, about)
 

@@ -15,7 +15,7 @@ from dmfc.engine.stage import Stage, without
 from dmfc.errors import DmfcError
 from dmfc.files.digest import file_digest
 from dmfc.network.model_files import WEIGHTS
-from dmfc.outcome.files import FEATURES_VERSION
+from dmfc.outcome.files import FEATURES_VERSION, refuse_learned
 from dmfc.outcome.files import WEIGHTS as JUDGE
 from dmfc.pipeline.graph_data import Inputs, of_every_scene
 
@@ -137,6 +137,8 @@ def judge(
     """Settings, inputs and hints that an evaluation ranked by an outcome predictor has besides."""
     folder = _given_judge(config, checkpoint)
     if folder is not None:
+        tested = [stage.name for stage in builder.objects(config, "test")]
+        refuse_learned(folder, tested, "objects.test")
         return {"judge": file_digest(folder / JUDGE)}, {}, {"judge": str(folder)}
     return {}, {"judge": outcome(builder, config, proposer_of(config, model, checkpoint))}, {}
 

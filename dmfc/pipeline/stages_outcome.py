@@ -57,7 +57,7 @@ def _features(ctx: StageContext, hand: HandModel, files: list[tuple[Path, Path]]
     config = ctx.config["outcome"]
     trials = read_trials(files, FeatureMaker(hand))
     net, report = fit(trials, config, ctx.config["seed"], ctx.work, ctx.progress)
-    save_judge(net, config, hand, report, ctx.out)
+    save_judge(net, config, hand, report, ctx.out, objects_in(files))
 
 
 def _head(ctx: StageContext, hand: HandModel, files: list[tuple[Path, Path]]) -> None:
@@ -65,4 +65,12 @@ def _head(ctx: StageContext, hand: HandModel, files: list[tuple[Path, Path]]) ->
 
     model = load_model(ctx.config, ctx.inputs, ctx.hints, hand)
     net, calibration, report = fit_head(model, files, ctx.config["outcome"], ctx.config["seed"])
-    HeadJudge(net, hand.name, *calibration).save(report, ctx.out)
+    HeadJudge(net, hand.name, *calibration).save(report, ctx.out, objects_in(files))
+
+
+def objects_in(files: list[tuple[Path, Path]]) -> set[str]:
+    """The objects of all scenes of pairs of rows and scenes."""
+    from dmfc.scenes.scene_set import SceneSet
+
+    scenes = SceneSet.open([scenes_file for _, scenes_file in files])
+    return {name for scene in scenes for name in scene.object_ids}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from pathlib import Path
 
@@ -120,6 +121,10 @@ def test_a_finished_predictor_is_known_by_what_is_in_its_file(
     file.write_bytes(b"two")
     two = stages(builder, judged)
     assert one["evaluate"] != two["evaluate"]
+    tested = fake_refs(load_config("smoke").objects.test)[0].id
+    (tmp_path / "outcome.json").write_text(json.dumps({"objects": ["x/1", tested]}))
+    with pytest.raises(DmfcError, match=f"learned from '{tested}', which is in objects.test"):
+        stages(builder, judged)
     file.unlink()
     with pytest.raises(DmfcError, match=r"outcome\.judge: there is no outcome\.safetensors"):
         stages(builder, judged)
