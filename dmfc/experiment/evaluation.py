@@ -218,9 +218,10 @@ class _Source:
 def _source(source: str) -> _Source:
     from dmfc.config.custom_function import custom_function
     from dmfc.pipeline.artifacts import WEIGHTS
+    from dmfc.prediction.models import shipped_folder, shipped_models
     from dmfc.sweep.models import MODELS, method_text, shipped_methods
 
-    path, method = Path(source), method_text(source)
+    path, method = shipped_folder(source) or Path(source), method_text(source)
     if source in MODELS:
         return _Source()
     if method:
@@ -233,8 +234,9 @@ def _source(source: str) -> _Source:
         return _Source(path.absolute())
     sets = files_below(path, [".parquet"]) if path.is_dir() else [path]
     if not sets or not all(file.is_file() and file.suffix == ".parquet" for file in sets):
+        known = [*MODELS, *shipped_models(), *shipped_methods()]
         raise DmfcError(
-            f"{unknown_name('model', source, [*MODELS, *shipped_methods()])}; nor is it a folder "
+            f"{unknown_name('model', source, known)}; nor is it a folder "
             f"with {WEIGHTS}, grasp sets (.parquet), or file.py:function"
         )
     return _grasp_sets(sets)
